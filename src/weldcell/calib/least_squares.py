@@ -1,0 +1,134 @@
+"""Robust nonlinear least squares on observations of one or more components, with covariance.
+
+The loss is the pseudo-Huber function of each observation's whole residual vector, so that turning the
+frame of the residuals does not change the answer. It enters as a factor on the residuals, which leaves a
+plain least squares problem for MINPACK's Levenberg-Marquardt (through SciPy).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import least_squares
+from scipy.special import gammaincinv
+
+Residuals = Float[np.ndarray, "n components"]
+Jacobian = Float[np.ndarray, "n components p"]
+Model = Callable[[Float[np.ndarray, "p"]], tuple[Residuals, Jacobian]]
+"""Parameters to whitened residuals (in sigmas) and their derivatives."""
+
+_LOSS_SIGMAS = 3.0  # beyond this a residual pulls with constant force
+_TOLERANCE = 1e-15  # to solver precision
+_SINGULAR = 1e-12  # relative singular value below which no covariance exists
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A minimum of the robust loss."""
+
+    parameters: Float[np.ndarray, "p"]
+    covariance: Float[np.ndarray, "p p"]
+    """From the sigmas that the residuals were whitened with, times `inflation`; infinite without full rank."""
+    residuals: Residuals
+    """Whitened, at the minimum."""
+    jacobian: Jacobian
+    """Whitened, at the minimum."""
+    weights: Float[np.ndarray, "n"]
+    """1 for an observation that fits, towards 0 for one that does not."""
+    inflation: float
+    """Variance of the residuals over the predicted one; never below 1."""
+    converged: bool
+    message: str
+    """What the solver said."""
+
+
+def fit(model: Model, start: Float[np.ndarray, "p"], *, robust: bool = True) -> Fit:
+    """The minimum near `start`; needs at least as many residuals as parameters.
+
+    Two rounds: the first with the sigmas as given, the second with the loss widened to the spread that
+    the residuals really have, so that sigmas that were promised too small do not turn data into outliers.
+    """
+    loss_sigmas = _LOSS_SIGMAS if robust else np.inf
+    found = _minimise(model, np.asarray(start, dtype=float), loss_sigmas)
+    spread = robust_spread(model(found.x)[0], unknowns=len(found.x))
+    if robust and spread > 1:
+        loss_sigmas *= spread
+        found = _minimise(model, found.x, loss_sigmas)
+    residuals, jacobian = model(found.x)
+    weights = 1 / np.sqrt(1 + np.sum(residuals**2, axis=-1) / loss_sigmas**2)
+    inflation = _inflation(residuals, weights, unknowns=len(found.x))
+    return Fit(
+        parameters=found.x,
+        covariance=inflation * covariance(jacobian, weights),
+        residuals=residuals,
+        jacobian=jacobian,
+        weights=weights,
+        inflation=inflation,
+        converged=bool(found.success),
+        message=str(found.message),
+    )
+
+
+def covariance(jacobian: Jacobian, weights: Float[np.ndarray, "n"]) -> Float[np.ndarray, "p p"]:
+    """Inverse of J'WJ; all infinite where a direction is open."""
+    rows = (np.sqrt(weights)[:, None, None] * jacobian).reshape(-1, jacobian.shape[-1])
+    _, values, directions = np.linalg.svd(rows, full_matrices=False)
+    if len(values) < rows.shape[1] or not values[-1] > _SINGULAR * values[0]:
+        return np.full((rows.shape[1], rows.shape[1]), np.inf)
+    scaled = directions / values[:, None]
+    return scaled.T @ scaled
+
+
+def robust_spread(residuals: Residuals, unknowns: int = 0) -> float:
+    """Standard deviation of one component, from the median length of the residual vectors (1 as predicted)."""
+    count, components = residuals.shape
+    median_length = np.sqrt(2 * gammaincinv(components / 2, 0.5))  # of a normal vector: root of the chi2 median
+    freedom = max(residuals.size - unknowns, 1) / residuals.size
+    return float(np.median(np.linalg.norm(residuals, axis=-1)) / median_length / np.sqrt(freedom))
+
+
+def _minimise(model: Model, start: Float[np.ndarray, "p"], loss_sigmas: float):  # noqa: ANN202 (SciPy's own result)
+    damped = _Damped(model, loss_sigmas)
+    return least_squares(
+        damped.residuals, start, damped.jacobian, method="lm", ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE
+    )
+
+
+def _inflation(residuals: Residuals, weights: Float[np.ndarray, "n"], unknowns: int) -> float:
+    freedom = np.sum(weights) * residuals.shape[-1] - unknowns
+    if freedom <= 0:
+        return 1.0
+    return max(1.0, float(np.sum(weights * np.sum(residuals**2, axis=-1)) / freedom))
+
+
+class _Damped:
+    """Residuals times s, so that their sum of squares is the robust loss; evaluates the model once a step.
+
+    Pseudo-Huber loss rho(q) = 2 (sqrt(1 + q) - 1) of q = |r|^2 / c^2 equals q s^2 with s^2 = 2 / (sqrt(1 + q) + 1).
+    """
+
+    def __init__(self, model: Model, loss_sigmas: float) -> None:
+        self._model, self._loss_sigmas = model, loss_sigmas
+        self._at = np.array([])
+
+    def residuals(self, parameters: Float[np.ndarray, "p"]) -> Float[np.ndarray, "rows"]:
+        self._evaluate(parameters)
+        return (self._factor[:, None] * self._residuals).ravel()
+
+    def jacobian(self, parameters: Float[np.ndarray, "p"]) -> Float[np.ndarray, "rows p"]:
+        self._evaluate(parameters)
+        s, u = self._factor, self._root
+        slope = -1 / (u * (u + 1) ** 2 * s * self._loss_sigmas**2)  # 2 ds/d(|r|^2)
+        pull = np.einsum("ng,ngp->np", self._residuals, self._jacobian)
+        turned = self._residuals[:, :, None] * pull[:, None]
+        damped = s[:, None, None] * self._jacobian + slope[:, None, None] * turned
+        return damped.reshape(-1, damped.shape[-1])
+
+    def _evaluate(self, parameters: Float[np.ndarray, "p"]) -> None:
+        if np.array_equal(parameters, self._at):
+            return
+        self._at = parameters.copy()
+        self._residuals, self._jacobian = self._model(parameters)
+        self._root = np.sqrt(1 + np.sum(self._residuals**2, axis=-1) / self._loss_sigmas**2)
+        self._factor = np.sqrt(2 / (self._root + 1))

@@ -1,0 +1,175 @@
+"""The camera (OpenCV's model: pinhole, 12 distortion coefficients, tilted sensor) and the light plane."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial.transform import RigidTransform
+
+from weldcell.cell.errors import BadGeometry
+from weldcell.cell.frames import axes_rotation, rigid_from
+
+_NEWTON_STEPS = 20
+_NEWTON_TOLERANCE = 1e-14  # normalised image units; 1e-10 px at this focal length
+_DIFFERENCE_STEP = 1e-6  # central difference for the distortion's Jacobian
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraModel:
+    """Pinhole camera with OpenCV's distortion; x right, y down, z forward; pixel (0, 0) is a pixel's centre."""
+
+    width_px: int
+    height_px: int
+    focal_px: Float[np.ndarray, "2"]
+    """Focal length along u and v."""
+    principal_px: Float[np.ndarray, "2"]
+    """Principal point (u, v)."""
+    distortion: Float[np.ndarray, "14"] = field(default_factory=lambda: np.zeros(14))
+    """k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y, in OpenCV's order (tau in rad)."""
+
+    def __post_init__(self) -> None:
+        for name, size in (("focal_px", 2), ("principal_px", 2), ("distortion", 14)):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape != (size,) or not np.all(np.isfinite(value)):
+                raise BadGeometry(f"camera: {name} must be {size} finite numbers, found {value.tolist()}")
+            object.__setattr__(self, name, value)
+        if self.width_px < 1 or self.height_px < 1:
+            raise BadGeometry(f"camera: picture of {self.width_px}x{self.height_px} pixels has no pixel")
+        if np.any(self.focal_px <= 10):
+            raise BadGeometry(
+                f"camera: focal_px is {self.focal_px.tolist()}, expected more than 10 pixels (not metres or mm)"
+            )
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """OpenCV's camera matrix."""
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def project(self, points_camera: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
+        """Pixels of points (m); NaN for points not in front of the camera."""
+        points_camera = np.asarray(points_camera, dtype=float)
+        depth = points_camera[..., 2:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normalised = np.where(depth > 0, points_camera[..., :2] / depth, np.nan)
+        return self.distort(normalised) * self.focal_px + self.principal_px
+
+    def unproject(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
+        """Rays (x, y, 1) of pixels; NaN where the distortion cannot be inverted."""
+        distorted = (np.asarray(pixels, dtype=float) - self.principal_px) / self.focal_px
+        normalised = self.undistort(distorted)
+        return np.concatenate([normalised, np.ones_like(normalised[..., :1])], axis=-1)
+
+    def in_picture(self, pixels: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
+        """Whether pixels lie within the picture."""
+        u, v = pixels[..., 0], pixels[..., 1]
+        return (u >= -0.5) & (v >= -0.5) & (u < self.width_px - 0.5) & (v < self.height_px - 0.5)
+
+    def distort(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
+        """Distorted normalised image coordinates (OpenCV's calib3d documentation, rational and tilted model)."""
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion
+        x, y = normalised[..., 0], normalised[..., 1]
+        r2 = x * x + y * y
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        bent_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
+        bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
+        bent = np.stack([bent_x, bent_y, np.ones_like(bent_x)], axis=-1)
+        tilted = bent @ self._tilt.T
+        return tilted[..., :2] / tilted[..., 2:]
+
+    def undistort(self, distorted: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
+        """The inverse of `distort` by Newton's method; NaN where it does not converge."""
+        if not self.distortion.any():
+            return np.array(distorted, dtype=float)
+        target = np.asarray(distorted, dtype=float)
+        guess = self._untilt(target)
+        error = self.distort(guess) - target
+        for _ in range(_NEWTON_STEPS):
+            if not np.any(np.abs(error) > _NEWTON_TOLERANCE):
+                break
+            guess = guess - _solve_2x2(self._distortion_jacobian(guess), error)
+            error = self.distort(guess) - target
+        converged = np.all(np.abs(error) < 1e-10, axis=-1) & self._unfolded(guess)
+        return np.where(converged[..., None], guess, np.nan)
+
+    @cached_property
+    def _tilt(self) -> Float[np.ndarray, "3 3"]:
+        """OpenCV's projective tilt matrix of (tau_x, tau_y)."""
+        tau_x, tau_y = self.distortion[12:]
+        cos_x, sin_x, cos_y, sin_y = np.cos(tau_x), np.sin(tau_x), np.cos(tau_y), np.sin(tau_y)
+        about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
+        about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
+        rotation = about_y @ about_x
+        onto_sensor = np.array(
+            [[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]]
+        )
+        return onto_sensor @ rotation
+
+    def _untilt(self, target: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
+        flat = np.concatenate([target, np.ones_like(target[..., :1])], axis=-1) @ np.linalg.inv(self._tilt).T
+        return flat[..., :2] / flat[..., 2:]
+
+    def _distortion_jacobian(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2 2"]:
+        columns = []
+        for step in _DIFFERENCE_STEP * np.eye(2):
+            columns.append((self.distort(normalised + step) - self.distort(normalised - step)) / (2 * _DIFFERENCE_STEP))
+        return np.stack(columns, axis=-1)
+
+    def _unfolded(self, normalised: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
+        """Whether the distortion keeps its orientation there: beyond the fold a second ray hits the same pixel."""
+        jacobian = self._distortion_jacobian(normalised)
+        with np.errstate(invalid="ignore"):
+            return (jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]) > 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaserPlane:
+    """Light plane n.p = d in the camera frame."""
+
+    normal_camera: Float[np.ndarray, "3"]
+    """Unit normal, pointing away from the camera's centre."""
+    offset_m: float
+    """Distance of the plane from the camera's centre."""
+
+    def __post_init__(self) -> None:
+        normal = np.asarray(self.normal_camera, dtype=float)
+        if normal.shape != (3,) or not np.all(np.isfinite(normal)) or not np.isfinite(self.offset_m):
+            raise BadGeometry(f"laser plane: expected a normal of 3 finite numbers, found {normal.tolist()}")
+        if abs(np.linalg.norm(normal) - 1) > 1e-9:
+            raise BadGeometry(f"laser plane: expected a unit normal, found length {np.linalg.norm(normal):.6g}")
+        if self.offset_m < 0:
+            raise BadGeometry(f"laser plane: offset_m is {self.offset_m:.6g}, expected >= 0 (turn the normal round)")
+        object.__setattr__(self, "normal_camera", normal)
+
+    @cached_property
+    def T_camera_laser(self) -> RigidTransform:
+        """The light plane's own frame: x along the camera's x, y = -normal (to the camera), z along the light.
+
+        Its origin is the plane's nearest point to the camera's centre; points of the plane have y = 0.
+        """
+        x = np.array([1.0, 0.0, 0.0])
+        z = np.cross(x, -self.normal_camera)
+        return rigid_from(axes_rotation(x, z), self.offset_m * self.normal_camera)
+
+    def distance_m(self, points_camera: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
+        """Signed distance of points from the plane, positive on the normal's side."""
+        return points_camera @ self.normal_camera - self.offset_m
+
+    def intersect(self, rays: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Where rays from the camera's centre meet the plane; NaN for rays that never do."""
+        slope = rays @ self.normal_camera
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.where(slope > 0, self.offset_m / slope, np.nan)
+        return rays * scale[..., None]
+
+
+def _solve_2x2(
+    matrix: Float[np.ndarray, "*batch 2 2"], vector: Float[np.ndarray, "*batch 2"]
+) -> Float[np.ndarray, "*batch 2"]:
+    a, b, c, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 0], matrix[..., 1, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        determinant = a * d - b * c
+        x = (d * vector[..., 0] - b * vector[..., 1]) / determinant
+        y = (a * vector[..., 1] - c * vector[..., 0]) / determinant
+    return np.stack([x, y], axis=-1)

@@ -1,0 +1,69 @@
+"""What the sensor's picture turns into: stripe, profile and the features of a joint."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from scipy.spatial.transform import RigidTransform
+
+from weldcell.cell.errors import BadGeometry
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One picture, with the pose that the robot's controller reported for it."""
+
+    image: UInt8[np.ndarray, "height width"]
+    """Grey levels."""
+    T_base_flange: RigidTransform
+    """Flange in the robot base, by the controller's nominal model."""
+    time_s: float
+    """Time of the exposure."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stripe:
+    """Centre of the laser stripe, one row for each picture column where it was found."""
+
+    u_px: Float[np.ndarray, "n"]
+    """Column."""
+    v_px: Float[np.ndarray, "n"]
+    """Row of the stripe's centre, sub-pixel; pixel (0, 0) is the centre of the top-left pixel."""
+    sigma_px: Float[np.ndarray, "n"]
+    """Predicted standard deviation of `v_px`."""
+
+    def __post_init__(self) -> None:
+        if not self.u_px.shape == self.v_px.shape == self.sigma_px.shape:
+            raise BadGeometry("stripe: u_px, v_px and sigma_px must have the same length")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """Points of one light section, in the camera frame."""
+
+    points_camera: Float[np.ndarray, "n 3"]
+    """Metres; NaN where not valid."""
+    sigma_m: Float[np.ndarray, "n"]
+    """Standard deviation of each point along the light (depth)."""
+    valid: Bool[np.ndarray, "n"]
+    """False where the point is out of the sensor's range."""
+    reason: str = ""
+    """Why the profile holds no valid point, if it holds none."""
+
+    def __post_init__(self) -> None:
+        if not len(self.points_camera) == len(self.sigma_m) == len(self.valid):
+            raise BadGeometry("profile: points_camera, sigma_m and valid must have the same length")
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointFeatures:
+    """The named points of a joint in one profile, e.g. left edge, root and right edge of a V-groove."""
+
+    names: tuple[str, ...]
+    points_camera: Float[np.ndarray, "k 3"]
+    """One row a name, metres; NaN where not valid."""
+    sigma_m: Float[np.ndarray, "k"]
+    """Predicted standard deviation of each feature within the light plane."""
+    valid: bool
+    reason: str = ""
+    """Why the joint was not found, if it was not."""

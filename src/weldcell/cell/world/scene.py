@@ -1,0 +1,107 @@
+"""The scene as a compiled MuJoCo model: workshop, arm with torch and sensor, and the parts that can be placed."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from weldcell.cell.configuration import CellConfig
+from weldcell.cell.frames import translation
+from weldcell.cell.world.cell import CLEARANCE_M, Cell
+from weldcell.cell.world.controller import Controller
+from weldcell.cell.world.robot_error import JOINTS, RobotError, exact_robot
+from weldcell.models.arm import KR5_ARC, build_arm
+from weldcell.models.boss import boss
+from weldcell.models.sensor_head import T_FLANGE_CAMERA, build_sensor_head
+from weldcell.models.sphere import sphere_stand
+from weldcell.models.torch import T_FLANGE_TORCH, build_torch
+from weldcell.models.v_groove import v_groove_plate
+from weldcell.models.workpiece import Workpiece
+from weldcell.models.room import build_room
+
+DRAWN_T_FLANGE_CAMERA = T_FLANGE_CAMERA
+DRAWN_T_FLANGE_TORCH = T_FLANGE_TORCH
+HOME_RAD = np.radians([0.0, -105.0, 105.0, 0.0, 55.0, 180.0])
+"""Tool above the table, clear of everything that may stand on it."""
+
+SHELF = {
+    "sphere": translation([0.55, 0.95, 0.65]),
+    "plate": translation([0.10, 0.95, 0.50]),
+    "boss": translation([0.85, 0.95, 0.50]),
+}
+"""Where parts stand while they are not in use."""
+
+_BODIES = {"sphere": "stand/sphere_stand", "plate": "v_groove_plate", "boss": "boss"}
+_POST_M = 0.26  # below the sphere's centre: the stand's foot is clamped under the table's top
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """What can stand on the table, with exact features."""
+
+    plate: Workpiece
+    boss: Workpiece
+    sphere_radius_m: float
+    tip_radius_m: float
+
+
+def build_parts(config: CellConfig) -> Parts:
+    """The parts that a configuration asks for."""
+    seam, block = config.seam, config.boss
+    return Parts(
+        plate=v_groove_plate(
+            length_m=1e-3 * seam.length_mm,
+            width_m=1e-3 * seam.width_mm,
+            thickness_m=1e-3 * seam.thickness_mm,
+            groove_angle_rad=float(np.radians(seam.groove_angle_deg)),
+            root_gap_m=1e-3 * seam.root_gap_mm,
+            root_face_m=1e-3 * seam.root_face_mm,
+            amplitude_m=1e-3 * seam.amplitude_mm,
+        ),
+        boss=boss(
+            slant_edge_m=1e-3 * block.slant_edge_mm,
+            slope_rad=float(np.radians(block.slope_deg)),
+            top_m=1e-3 * block.top_mm,
+        ),
+        sphere_radius_m=0.5e-3 * config.calibration.sphere_diameter_mm,
+        tip_radius_m=1e-3 * config.calibration.tip_radius_mm,
+    )
+
+
+def build_cell(parts: Parts, error: RobotError | None) -> Cell:
+    """The cell with an actual robot; without error the one that the controller knows, which keeps its clearance."""
+    actual = exact_robot() if error is None else error
+    spec = build_room()
+    arm = build_arm(KR5_ARC)
+    _misbuild(arm, actual)
+    spec.attach(arm, prefix="arm/", frame=spec.worldbody.add_frame())
+    for prefix, tool in (
+        ("torch/", build_torch(translation(actual.tip_flange_m) * T_FLANGE_TORCH, parts.tip_radius_m)),
+        ("sensor/", build_sensor_head(T_FLANGE_CAMERA * actual.T_camera_mount)),
+    ):
+        spec.attach(tool, prefix=prefix, site=spec.site("arm/flange"))
+    parts.plate.add_to(spec, SHELF["plate"])
+    parts.boss.add_to(spec, SHELF["boss"])
+    stand = sphere_stand(parts.sphere_radius_m, centre_height_m=_POST_M, crank_m=0.0)
+    spec.attach(stand, prefix="stand/", frame=spec.worldbody.add_frame(pos=SHELF["sphere"].translation))
+    for name in _BODIES.values():
+        spec.body(name).mocap = True
+    model = spec.compile()
+    if error is None:
+        model.geom_margin[model.geom_group > 0] = CLEARANCE_M
+    return Cell(model, actual, _BODIES)
+
+
+def build_controller(known_cell: Cell) -> Controller:
+    """The controller of the arm that the known cell holds."""
+    return Controller.from_model(known_cell.model, np.array(KR5_ARC.speeds_rad_s))
+
+
+def _misbuild(arm: mujoco.MjSpec, error: RobotError) -> None:
+    """Moves and turns each link of the arm by the robot's geometric errors."""
+    for k in range(JOINTS):
+        body = arm.body(f"link_{k + 1}")
+        body.pos = body.pos + error.link_m[k]
+        turned = Rotation.from_quat(body.quat, scalar_first=True) * Rotation.from_rotvec(error.twist_rad[k])
+        body.quat = turned.as_quat(scalar_first=True)

@@ -1,0 +1,83 @@
+"""The standard sphere on its stand: an exact sphere, not a polygon."""
+
+import math
+
+import mujoco
+
+from weldcell.cell.errors import BadGeometry
+from weldcell.models.mesh_body import BLACK, DARK_GREY, GROUP_PARTS, PART_MASK, Finish, Piece, add_pieces
+from weldcell.models.shapes import join, rod
+
+MATT_STEEL = Finish(rgba=(0.70, 0.70, 0.69, 1.0), specular=0.12, shininess=0.15)
+
+
+def sphere_stand(
+    radius_m: float, centre_height_m: float = 0.130, crank_m: float = 0.110, post_radius_m: float = 0.005
+) -> mujoco.MjSpec:
+    """Body `sphere_stand` with the geom `standard_sphere` centred at its origin, z up.
+
+    The foot stands `centre_height_m` below the centre and `crank_m` behind it (-x), so that the sphere can hang
+    over the edge of a part; the post leaves all of the sphere above 3/4 of a radius below its centre free.
+    """
+    if not (math.isfinite(radius_m) and radius_m > 0):
+        raise BadGeometry(f"sphere: expected a positive radius, found {radius_m} m")
+    if centre_height_m < 2 * radius_m + 0.02 or crank_m < 0 or not 0 < post_radius_m < 0.6 * radius_m:
+        raise BadGeometry(
+            f"sphere: expected the centre above {2 * radius_m + 0.02:.3g} m and a post thinner than 0.6 radii, "
+            f"found {centre_height_m} m and {post_radius_m} m"
+        )
+    spec = mujoco.MjSpec()
+    spec.modelname = "sphere_stand"
+    body = spec.worldbody.add_body(name="sphere_stand")
+    body.add_geom(
+        name="standard_sphere",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[radius_m, 0, 0],
+        material=_material(spec, MATT_STEEL),
+        rgba=MATT_STEEL.rgba,
+        group=GROUP_PARTS,
+        contype=PART_MASK.contype,
+        conaffinity=PART_MASK.conaffinity,
+        mass=0,
+    )
+    add_pieces(
+        spec,
+        body,
+        _stand_pieces(radius_m, centre_height_m, crank_m, post_radius_m),
+        group=GROUP_PARTS,
+        mask=PART_MASK,
+    )
+    return spec
+
+
+def _stand_pieces(radius_m: float, height_m: float, crank_m: float, post_m: float) -> list[Piece]:
+    """Stem under the sphere, arm backwards, post and foot; each straight, so that its hull is itself."""
+    arm_z = -(radius_m + 7 * post_m)
+    foot = join(
+        [
+            rod((-crank_m, 0, -height_m), (-crank_m, 0, 0.018 - height_m), 0.030, edge=0.003),
+            rod((-crank_m, 0, 0.016 - height_m), (-crank_m, 0, 0.026 - height_m), 0.014, edge=0.002),
+        ]
+    )
+    stem = rod((0, 0, arm_z), (0, 0, -0.9 * radius_m), post_m, edge=0.001, segments=24)
+    post = rod((-crank_m, 0, 0.02 - height_m), (-crank_m, 0, arm_z + 2 * post_m), post_m, edge=0.001, segments=24)
+    pieces = [
+        Piece(name="sphere_foot", solid=foot, finish=DARK_GREY),
+        Piece(name="sphere_stem", solid=stem, finish=BLACK),
+    ]
+    if crank_m > 0:
+        arm = rod((-crank_m - 2 * post_m, 0, arm_z), (post_m, 0, arm_z), post_m, edge=0.001, segments=24)
+        pieces += [
+            Piece(name="sphere_arm", solid=arm, finish=BLACK),
+            Piece(name="sphere_post", solid=post, finish=BLACK),
+        ]
+    else:
+        pieces[1] = Piece(name="sphere_stem", solid=join([stem, post]), finish=BLACK)
+    return pieces
+
+
+def _material(spec: mujoco.MjSpec, finish: Finish) -> str:
+    material = spec.add_material(
+        name="sphere_finish", rgba=finish.rgba, specular=finish.specular, shininess=finish.shininess
+    )
+    return str(material.name)

@@ -1,0 +1,124 @@
+"""The command line's options for the fields of the configuration."""
+
+import argparse
+import re
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin
+
+from weldcell.cell.errors import BadInput
+from weldcell.scenarios.settings import Field, fields, option_name, sections, shown_default
+
+_DESTINATION = "field:"  # keeps the fields apart from the command's own options
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that raises instead of printing its usage, and takes -1e-4 for a number."""
+
+    def __init__(self, **settings: Any) -> None:
+        settings.setdefault("formatter_class", _Help)
+        super().__init__(allow_abbrev=False, **settings)
+        self._negative_number_matcher = re.compile(r"^-(\d|\.\d)")  # Python's own knows no exponent before 3.14
+
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(message)
+
+
+class _Help(argparse.HelpFormatter):
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=44, width=120)
+
+
+def add_field_options(parser: argparse.ArgumentParser) -> None:
+    """Adds an option for every field of the configuration, grouped by section."""
+    groups = {
+        name: parser.add_argument_group(name, description=meaning[:1].lower() + meaning[1:])
+        for name, meaning in sections().items()
+    }
+    for field in fields():
+        section, _, _ = field.path.rpartition(".")
+        _add_option(groups.get(section, parser), field)
+
+
+def given_fields(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The values given for fields, by path."""
+    by_path = {field.path: field for field in fields()}
+    return {
+        path: _value(by_path[path], text)
+        for name, text in vars(arguments).items()
+        if (path := name.removeprefix(_DESTINATION)) != name and text is not None
+    }
+
+
+def normalised(arguments: Sequence[str]) -> list[str]:
+    """The command line with --sensor.peak_grey as --sensor.peak-grey, and switches with their value attached."""
+    switches = {option_name(field.path) for field in fields() if field.hint is bool}
+    result: list[str] = []
+    rest = iter(arguments)
+    for argument in rest:
+        if argument == "--":
+            return [*result, argument, *rest]
+        if argument.startswith("--"):
+            name, equals, value = argument.partition("=")
+            argument = name.replace("_", "-") + equals + value
+        if result and result[-1] in switches:
+            # Otherwise `--sensor.noise v-seam` would take the scenario for the switch's value.
+            is_value = argument.lower() in ("true", "false")
+            result[-1] += f"={argument}" if is_value else "=true"
+            if is_value:
+                continue
+        result.append(argument)
+    return result
+
+
+def option_strings(parser: argparse.ArgumentParser) -> Iterable[str]:
+    """Every option that a parser knows."""
+    return parser._option_string_actions
+
+
+def _add_option(group: Any, field: Field) -> None:
+    name = option_name(field.path)
+    explained = f"{field.meaning.rstrip('.')} (default: {shown_default(field)})".replace("%", "%%")
+    settings: dict[str, Any] = {"dest": _DESTINATION + field.path, "default": None, "help": explained}
+    if field.hint is bool:
+        group.add_argument(name, nargs="?", const="true", metavar="true|false", **settings)
+        group.add_argument("--no-" + name[2:], action="store_const", const="false", **settings | {"help": argparse.SUPPRESS})
+    elif _kind(field.hint) is Literal:
+        group.add_argument(name, metavar="|".join(get_args(field.hint)), **settings)
+    elif _kind(field.hint) is tuple:
+        first, *rest = get_args(field.hint)
+        many = rest == [...]
+        shape = ("X", "Y", "Z") if many or len(rest) == 2 else tuple(f"K{index + 1}" for index in range(1 + len(rest)))
+        nargs = "+" if many else len(shape)
+        group.add_argument(name, nargs=nargs, metavar=("X Y Z", "X Y Z") if many else shape, **settings)
+    else:
+        group.add_argument(name, metavar=field.unit.upper().replace(" ", "_") or "N", **settings)
+
+
+def _value(field: Field, text: str | list[str]) -> Any:
+    """What the words on the command line mean for this field; words that mean nothing stay, to be refused by name."""
+    if isinstance(text, str):
+        return _scalar(field.hint, text)
+    first, *rest = get_args(field.hint)
+    if rest != [...]:
+        return [_scalar(first, word) for word in text]
+    size = len(get_args(first))
+    numbers = [_scalar(get_args(first)[0], word) for word in text]
+    return [numbers[start : start + size] for start in range(0, len(numbers), size)]
+
+
+def _scalar(hint: Any, word: str) -> Any:
+    kind = _kind(hint)
+    if kind is bool:
+        return {"true": True, "false": False}.get(word.lower(), word)
+    if kind not in (int, float):
+        return word
+    try:
+        number = float(word)
+        return int(number) if number.is_integer() and abs(number) < 1e15 else number
+    except ValueError:
+        return word
+
+
+def _kind(hint: Any) -> Any:
+    plain = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    return get_origin(plain) or plain

@@ -1,0 +1,6 @@
+"""The recording of a run: the only place that knows rerun."""
+
+from weldcell.scenarios.recording.recording import Recording
+from weldcell.scenarios.recording.viewer import HeadlessViewer, check_recording, view
+
+__all__ = ["HeadlessViewer", "Recording", "check_recording", "view"]

@@ -1,0 +1,71 @@
+"""Scans: the sensor carried along a line, one picture after the other."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import RigidTransform
+
+from weldcell.cell.errors import OutOfReach
+from weldcell.cell.world.motion import Motion
+from weldcell.scenarios.station import Sight, Station
+from weldcell.scenarios.torch_poses import flange_at, torch_rotation
+
+_LARGEST_STEP_RAD = 0.2  # between two pictures; more means that the arm changed its configuration
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanPath:
+    """Where the light plane meets the camera's axis for each picture, and which way the sensor travels."""
+
+    points_base: Float[np.ndarray, "n 3"]
+    """The crossing, m."""
+    headings_rad: Float[np.ndarray, "n"]
+    """Direction of travel about the vertical, from the base's x."""
+    speed_m_s: float
+
+    @property
+    def times_s(self) -> Float[np.ndarray, "n"]:
+        """When each picture is taken, from the first one on."""
+        steps_m = np.linalg.norm(np.diff(self.points_base, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps_m)]) / self.speed_m_s
+
+
+def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> Iterator[Sight]:
+    """The pictures along a path, one by one; raises OutOfReach, before moving, if the arm cannot follow it."""
+    motion = _motion(station, path)
+    station.go(motion.joints_rad[0])
+    start_s = station.time_s
+    for index in station.progress.track(range(len(motion.times_s)), f"scan {stage}"):
+        station.stand_at(motion.joints_rad[index], start_s + motion.times_s[index])
+        yield station.see(stage, first_index + index)
+
+
+def _motion(station: Station, path: ScanPath) -> Motion:
+    poses = [_flange(station, point, heading) for point, heading in zip(path.points_base, path.headings_rad, strict=True)]
+    for start_rad in station.controller.all_inverse(poses[0]):
+        joints_rad = _followed(station, poses, start_rad)
+        if joints_rad is not None:
+            return Motion(times_s=path.times_s, joints_rad=joints_rad)
+    raise OutOfReach("scan: the arm cannot carry the sensor along the path within its limits and clear of the parts")
+
+
+def _flange(station: Station, point_base: Float[np.ndarray, "3"], heading_rad: float) -> RigidTransform:
+    rotation_base_flange = torch_rotation(heading_rad) * station.rotation_flange_torch.inv()
+    return flange_at(point_base, rotation_base_flange, station.crossing_flange)
+
+
+def _followed(
+    station: Station, poses: list[RigidTransform], start_rad: Float[np.ndarray, "6"]
+) -> Float[np.ndarray, "n 6"] | None:
+    """Readings along all poses in one configuration of the arm, or None."""
+    joints_rad = [start_rad]
+    for T_base_flange in poses[1:]:
+        try:
+            joints_rad.append(station.controller.inverse(T_base_flange, joints_rad[-1]))
+        except OutOfReach:
+            return None
+        if np.abs(joints_rad[-1] - joints_rad[-2]).max() > _LARGEST_STEP_RAD:
+            return None
+    return np.array(joints_rad) if all(station.planner.free(q) for q in joints_rad) else None

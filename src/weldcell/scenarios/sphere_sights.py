@@ -1,0 +1,144 @@
+"""Views of the standard sphere: chosen on what is known, taken by the actual cell."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from weldcell.calib.pose_choice import choose, sight_candidates, translation_candidates
+from weldcell.calib.sphere_sight import SphereSightProblem, SphereSightResult
+from weldcell.calib.sphere_sight import solve as solve_sphere_sight
+from weldcell.cell.errors import JobFailed, OutOfReach
+from weldcell.cell.randomness import generator
+from weldcell.scenarios.station import Station
+from weldcell.scenarios.torch_poses import flange_at, torch_rotation
+
+SIDE = 1
+"""The sphere's centre lies beyond the light plane, seen from the camera: the lit arc faces the camera."""
+
+_ACROSS_M = 0.024  # the sphere's centre from the picture's middle, to either side
+_DEPTH_M = 0.024  # and from the working distance along the light
+_OFF_PLANE = (0.40, 0.70)  # |y| over the radius: above 1/4 sigma_y is sound; the mount may be 2 to 3 mm off the drawing
+_TILT_RAD = np.radians(25)
+_TURN_RAD = np.radians(60)
+_CANDIDATES_PER_POSE = 8
+_ATTEMPTS_PER_CANDIDATE = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphereSight:
+    """A view of the sphere and the centre found in it."""
+
+    T_base_flange: RigidTransform
+    """As reported."""
+    centre: SphereSightResult
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    joints_rad: Float[np.ndarray, "6"]
+    T_base_flange: RigidTransform
+    centre_camera: Float[np.ndarray, "3"]
+
+
+def plan_translations(station: Station, centre_base: Float[np.ndarray, "3"], count: int) -> list[np.ndarray]:
+    """Postures with the working orientation that see the sphere from places spread over all three axes."""
+    rng = generator(station.seed, "plan/translations")
+    candidates = _candidates(station, centre_base, count, rng, lambda: torch_rotation(station.heading_rad))
+    return _choose(station, candidates, count, translation_candidates)
+
+
+def plan_free(station: Station, centre_base: Float[np.ndarray, "3"], count: int, stage: str) -> list[np.ndarray]:
+    """Postures with varied orientations that see the sphere; all six joints move."""
+    rng = generator(station.seed, f"plan/{stage}")
+
+    def orientation() -> Rotation:
+        heading_rad = station.heading_rad + rng.uniform(-_TURN_RAD, _TURN_RAD)
+        return torch_rotation(heading_rad, rng.uniform(0, _TILT_RAD), rng.uniform(0, 2 * np.pi))
+
+    return _choose(station, _candidates(station, centre_base, count, rng, orientation), count, sight_candidates)
+
+
+def take_sights(
+    station: Station, postures: Sequence[Float[np.ndarray, "6"]], stage: str, note: str
+) -> list[SphereSight]:
+    """The views from these postures, in turn; views in which no sphere was found are left out."""
+    sights = []
+    for index, joints_rad in enumerate(station.progress.track(postures, note)):
+        station.go(joints_rad)
+        sight = station.see(stage, index)
+        centre = solve_sphere_sight(
+            SphereSightProblem(
+                points_camera=sight.profile.points_camera[sight.profile.valid],
+                sigma_m=sight.profile.sigma_m[sight.profile.valid],
+                plane=station.belief.plane,
+                radius_m=station.parts.sphere_radius_m,
+                side=SIDE,
+            )
+        )
+        station.logbook.sphere_sight(stage, sight, centre)
+        if centre.valid:
+            sights.append(SphereSight(T_base_flange=sight.shot.T_base_flange, centre=centre))
+    return sights
+
+
+def _choose(
+    station: Station, candidates: list[_Candidate], count: int, jacobians_of: Callable[..., np.ndarray]
+) -> list[np.ndarray]:
+    """The postures that together see the parameters best."""
+    jacobians = jacobians_of(
+        RigidTransform.concatenate([candidate.T_base_flange for candidate in candidates]),
+        station.drawing_T_flange_camera,
+        np.array([candidate.centre_camera for candidate in candidates]),
+        1e-3 * station.config.sensor.working_distance_mm,
+    )
+    return [candidates[k].joints_rad for k in choose(jacobians, count)]
+
+
+def _candidates(
+    station: Station,
+    centre_base: Float[np.ndarray, "3"],
+    count: int,
+    rng: np.random.Generator,
+    orientation: Callable[[], Rotation],
+) -> list[_Candidate]:
+    """Random postures that see the sphere and are clear of everything, several times `count`."""
+    candidates: list[_Candidate] = []
+    for _ in range(_CANDIDATES_PER_POSE * _ATTEMPTS_PER_CANDIDATE * count):
+        candidate = _candidate(station, centre_base, orientation(), rng)
+        if candidate is not None:
+            candidates.append(candidate)
+        if len(candidates) >= _CANDIDATES_PER_POSE * count:
+            break
+    if len(candidates) < count:
+        found = len(candidates)
+        raise JobFailed(f"sphere: found {found} postures that see it in reach and clear of parts, need {count}")
+    return candidates
+
+
+def _candidate(
+    station: Station, centre_base: Float[np.ndarray, "3"], rotation: Rotation, rng: np.random.Generator
+) -> _Candidate | None:
+    T_flange_camera = station.drawing_T_flange_camera
+    centre_camera = _centre_in_view(station, rng)
+    rotation_base_flange = rotation * station.rotation_flange_torch.inv()
+    T_base_flange = flange_at(centre_base, rotation_base_flange, T_flange_camera.apply(centre_camera))
+    try:
+        joints_rad = station.controller.inverse(T_base_flange, station.planner.home_rad)
+    except OutOfReach:
+        return None
+    if not station.planner.free(joints_rad):
+        return None
+    return _Candidate(joints_rad=joints_rad, T_base_flange=T_base_flange, centre_camera=centre_camera)
+
+
+def _centre_in_view(station: Station, rng: np.random.Generator) -> Float[np.ndarray, "3"]:
+    """A place of the sphere's centre in the camera frame that gives a good arc."""
+    sensor = station.config.sensor
+    T_camera_laser = station.belief.plane.T_camera_laser
+    axis_point = np.array([0, 0, 1e-3 * sensor.working_distance_mm])
+    across, _, depth = T_camera_laser.inv().apply(axis_point) + rng.uniform(-1, 1, 3) * [_ACROSS_M, 0, _DEPTH_M]
+    off_plane = -SIDE * rng.uniform(*_OFF_PLANE) * station.parts.sphere_radius_m
+    return T_camera_laser.apply([across, off_plane, depth])

@@ -1,0 +1,177 @@
+"""The cell at work: the actual world, what its controller believes, the clock and the logbook."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from weldcell.cell.configuration import CellConfig
+from weldcell.cell.frames import rigid_from, translation
+from weldcell.cell.optics import CameraModel, LaserPlane
+from weldcell.cell.profile import Profile, Shot, Stripe
+from weldcell.cell.randomness import generator
+from weldcell.cell.world.motion import MotionPlanner
+from weldcell.cell.world.robot_error import BUDGETS, RobotError, draw_error
+from weldcell.cell.world.scene import (
+    DRAWN_T_FLANGE_CAMERA,
+    DRAWN_T_FLANGE_TORCH,
+    HOME_RAD,
+    SHELF,
+    build_cell,
+    build_controller,
+    build_parts,
+)
+from weldcell.scenarios.logbook import Logbook
+from weldcell.scenarios.progress import Progress
+from weldcell.scenarios.torch_poses import flange_at
+from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
+from weldcell.sensor_sim.line_sensor import LineSensor
+from weldcell.tracking.stripe import find_stripe
+from weldcell.tracking.triangulation import triangulate
+
+_SPHERE_MISPLACEMENT_M = 1.5e-3  # one sigma: a stand put down by eye and jogged to by hand
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorBelief:
+    """Intrinsics and light plane that the pipelines are given."""
+
+    camera: CameraModel
+    plane: LaserPlane
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """One picture and the profile in it."""
+
+    frame: int
+    """Number of the picture in the run."""
+    shot: Shot
+    stripe: Stripe
+    profile: Profile
+
+
+class Station:
+    """A cell, its sensor and its controller, and what has been done with them so far."""
+
+    def __init__(self, config: CellConfig, seed: int, logbook: Logbook, progress: Progress) -> None:
+        self.config, self.seed, self.logbook, self.progress = config, seed, logbook, progress
+        self.parts = build_parts(config)
+        error = draw_error(BUDGETS[config.robot], generator(seed, "robot"))
+        camera, plane = nominal_camera(config.sensor), nominal_plane(config.sensor)
+        self.belief = believed_sensor(camera, plane, error)
+        self.cell = build_cell(self.parts, error)
+        known_cell = build_cell(self.parts, None)
+        self.controller = build_controller(known_cell)
+        self.planner = MotionPlanner(controller=self.controller, known_cell=known_cell, home_rad=HOME_RAD)
+        source_camera = nominal_source_camera(config.sensor)
+        self.sensor = LineSensor(config.sensor, camera, plane, source_camera, self.cell.model)
+        self.joints_rad = HOME_RAD.copy()
+        self.time_s = 0.0
+        self.frame = 0
+        self.drawing_T_flange_camera = DRAWN_T_FLANGE_CAMERA
+        self.tip_nominal_flange = DRAWN_T_FLANGE_TORCH.translation
+        self.rotation_flange_torch = DRAWN_T_FLANGE_TORCH.rotation
+        self.crossing_flange = DRAWN_T_FLANGE_CAMERA.apply([0, 0, 1e-3 * config.sensor.working_distance_mm])
+        self.heading_rad = float(np.radians(config.seam.yaw_deg))
+        self.sphere_known_base = 1e-3 * np.array(config.calibration.sphere_position_mm)
+
+    def __enter__(self) -> "Station":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.sensor.close()
+
+    def place_sphere(self, known_base: Float[np.ndarray, "3"], stage: str) -> None:
+        """Puts the sphere where the controller is told it is, and actually a little off."""
+        off_m = generator(self.seed, f"{stage}/sphere").normal(size=3) * _SPHERE_MISPLACEMENT_M
+        self._place("sphere", translation(known_base), translation(off_m))
+
+    def place_plate(self) -> None:
+        """Puts the plate where the configuration says, and actually a little off."""
+        seam = self.config.seam
+        self._place_workpiece("plate", seam.position_mm, seam.yaw_deg, seam.misplacement_mm, seam.misplacement_deg)
+
+    def place_boss(self) -> None:
+        """Puts the boss where the configuration says, and actually a little off."""
+        boss = self.config.boss
+        self._place_workpiece("boss", boss.position_mm, boss.yaw_deg, boss.misplacement_mm, boss.misplacement_deg)
+
+    def go(self, joints_rad: Float[np.ndarray, "6"]) -> None:
+        """Moves the arm there, clear of the parts; raises OutOfReach if there is no way."""
+        motion = self.planner.move(self.joints_rad, joints_rad)
+        start_s = self.time_s
+        for time_s, readings_rad in zip(motion.times_s[1:], motion.joints_rad[1:], strict=True):
+            self.stand_at(readings_rad, start_s + float(time_s))
+
+    def stand_at(self, joints_rad: Float[np.ndarray, "6"], time_s: float) -> None:
+        """The arm is at these readings at this time, on a motion that is known to be free."""
+        self.joints_rad, self.time_s = np.asarray(joints_rad, float), time_s
+        self.cell.take(self.joints_rad)
+        self.logbook.pose(self.frame, self.time_s, self.cell)
+
+    def see(self, stage: str, index: int) -> Sight:
+        """One picture from where the arm stands, with its profile."""
+        self.cell.take(self.joints_rad, generator(self.seed, f"{stage}/pose", index))
+        picture_rng = generator(self.seed, f"{stage}/picture", index)
+        image = self.sensor.capture(self.cell.data, self.cell.T_base("camera"), picture_rng)
+        stripe = find_stripe(image)
+        sight = Sight(
+            frame=self.frame,
+            shot=Shot(image=image, T_base_flange=self.controller.forward(self.joints_rad), time_s=self.time_s),
+            stripe=stripe,
+            profile=triangulate(stripe, self.belief.camera, self.belief.plane),
+        )
+        self.logbook.pose(self.frame, self.time_s, self.cell)
+        self.frame += 1
+        return sight
+
+    def send_torch(
+        self,
+        point_base: Float[np.ndarray, "3"],
+        rotation_base_flange: Rotation,
+        tip_flange: Float[np.ndarray, "3"],
+        rng: np.random.Generator,
+    ) -> Float[np.ndarray, "3"]:
+        """Where the actual tip goes (m, base) when the controller sends `tip_flange` to a point."""
+        T_base_flange = flange_at(point_base, rotation_base_flange, tip_flange)
+        self.cell.take(self.controller.inverse(T_base_flange, self.joints_rad), rng)
+        return self.cell.tip_base
+
+    def gap_to_sphere_m(self) -> float:
+        """Actual distance between the surfaces of tip and sphere; negative when one is inside the other."""
+        apart_m = np.linalg.norm(self.cell.tip_base - self.cell.T_base_part("sphere").translation)
+        return float(apart_m) - self.parts.sphere_radius_m - self.parts.tip_radius_m
+
+    def _place_workpiece(
+        self, part: str, position_mm: tuple[float, float, float], yaw_deg: float, off_mm: float, off_deg: float
+    ) -> None:
+        rng = generator(self.seed, f"{part}/place")
+        T_base_part = rigid_from(Rotation.from_euler("Z", yaw_deg, degrees=True), 1e-3 * np.array(position_mm))
+        off = rigid_from(
+            Rotation.from_euler("Z", rng.normal() * off_deg, degrees=True), 1e-3 * off_mm * np.append(rng.normal(size=2), 0)
+        )
+        self._place(part, T_base_part, off)
+
+    def _place(self, part: str, T_base_part: RigidTransform, misplacement: RigidTransform) -> None:
+        """Puts a part on the table, the others back on the shelf, and the arm out of the way meanwhile."""
+        if np.any(self.joints_rad != self.planner.home_rad):
+            self.go(self.planner.home_rad)
+        for cell, T in ((self.planner.known_cell, T_base_part), (self.cell, T_base_part * misplacement)):
+            for other, T_base_shelf in SHELF.items():
+                cell.place(other, T if other == part else T_base_shelf)
+        self.logbook.placed(part, self.frame, self.time_s)
+
+
+def believed_sensor(camera: CameraModel, plane: LaserPlane, error: RobotError) -> SensorBelief:
+    """The actual sensor as its calibration left it."""
+    turned = Rotation.from_rotvec(error.plane_rad).apply(plane.normal_camera)
+    return SensorBelief(
+        camera=replace(
+            camera,
+            focal_px=camera.focal_px * (1 + error.focal_ratio),
+            principal_px=camera.principal_px + error.principal_px,
+        ),
+        plane=LaserPlane(normal_camera=turned / np.linalg.norm(turned), offset_m=plane.offset_m + error.plane_m),
+    )

@@ -1,0 +1,143 @@
+"""The scene in the cell's light, rendered by MuJoCo as the sensor's camera sees it.
+
+The only module that knows that MuJoCo's camera axes (x right, y up, z back) differ from OpenCV's.
+
+The view is set in MuJoCo's drawn scene, not in the model: the model needs no camera, and the pose and intrinsics of the
+actual camera can differ from anything that was compiled.
+"""
+
+from types import TracebackType
+from typing import Self
+
+import cv2
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import RigidTransform
+
+from weldcell.cell.errors import BadGeometry, NotReady
+from weldcell.cell.optics import CameraModel
+
+_NEAR_M, _FAR_M = 0.01, 20.0
+_HEAD_GROUP = 3
+_LARGEST_PX = 16_384  # what OpenGL drivers offer; a picture this large means a distortion gone wild
+
+GRAPHICS_HELP = (
+    "rendering needs OpenGL through EGL, which did not start ({cause}). "
+    "On Debian or Ubuntu: apt-get install libegl1 libopengl0 libgl1-mesa-dri"
+)
+
+
+class AmbientRenderer:
+    """Renders grey pictures through the camera's lens; use it in a `with` block, or call `close`."""
+
+    def __init__(self, model: mujoco.MjModel, camera: CameraModel, white_grey: float) -> None:
+        """`white_grey` is the grey level of what MuJoCo renders as full white.
+
+        Raises NotReady, naming the missing packages, where there is no OpenGL.
+        """
+        self._model = model
+        self._white_grey = white_grey
+        self._pinhole, self._warp = _lens(camera)
+        self._renderer = _open_renderer(model, self._pinhole.width_px, self._pinhole.height_px)
+        self._options = mujoco.MjvOption()
+        self._options.geomgroup[_HEAD_GROUP] = 0
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._renderer.scene.flags[flag] = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the graphics memory; a second call does nothing."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def render(self, data: mujoco.MjData, T_base_camera: RigidTransform) -> Float[np.ndarray, "height width"]:
+        """Grey levels (float32) of the scene seen from `T_base_camera`, distorted by the lens.
+
+        `data` needs up-to-date kinematics, and lights (mj_camlight) if the model has lights of its own.
+        """
+        if self._renderer is None:
+            raise NotReady("ambient picture: the renderer is closed")
+        x_base, down_base, forward_base = T_base_camera.rotation.as_matrix().T
+        self._look(data, T_base_camera.translation, forward_base, -down_base)
+        grey = cv2.cvtColor(self._renderer.render(), cv2.COLOR_RGB2GRAY)
+        distorted = cv2.remap(grey, *self._warp, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return distorted.astype(np.float32) * np.float32(self._white_grey / 255)
+
+    def _look(
+        self,
+        data: mujoco.MjData,
+        centre_base: Float[np.ndarray, "3"],
+        forward_base: Float[np.ndarray, "3"],
+        up_base: Float[np.ndarray, "3"],
+    ) -> None:
+        """Put the drawn scene's view at the camera.
+
+        A free camera first, which places the headlight and endless planes; it cannot roll or look off-centre, so the
+        exact view replaces it.
+        """
+        free = mujoco.MjvCamera()
+        free.type = mujoco.mjtCamera.mjCAMERA_FREE
+        free.distance = 1.0
+        free.lookat = centre_base + forward_base
+        free.azimuth = np.rad2deg(np.arctan2(forward_base[1], forward_base[0]))
+        free.elevation = np.rad2deg(np.arcsin(np.clip(forward_base[2], -1, 1)))
+        self._renderer.update_scene(data, free, self._options)
+        left, right, bottom, top = _frustum(self._pinhole)
+        for view in self._renderer.scene.camera:  # left and right eye
+            view.pos, view.forward, view.up = centre_base, forward_base, up_base
+            view.frustum_near, view.frustum_far = _NEAR_M, _FAR_M
+            view.frustum_bottom, view.frustum_top = bottom, top
+            view.frustum_center, view.frustum_width = (left + right) / 2, (right - left) / 2  # half the width
+
+
+def _frustum(pinhole: CameraModel) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of the picture on the near plane (m), with OpenGL's y up.
+
+    Pixel (0, 0) is a pixel's centre, so the picture reaches from -0.5 to width - 0.5.
+    """
+    (fx, fy), (cx, cy) = pinhole.focal_px, pinhole.principal_px
+    left, right = (-0.5 - cx) / fx, (pinhole.width_px - 0.5 - cx) / fx
+    top, bottom = (cy + 0.5) / fy, (cy + 0.5 - pinhole.height_px) / fy
+    return tuple(float(_NEAR_M * side) for side in (left, right, bottom, top))  # type: ignore[return-value]
+
+
+def _lens(camera: CameraModel) -> tuple[CameraModel, tuple[np.ndarray, np.ndarray]]:
+    """A pinhole camera that sees all that the lens sees, and cv2.remap's maps from its picture to the lens's."""
+    v, u = np.mgrid[: camera.height_px, : camera.width_px]
+    pixels = camera.unproject(np.stack([u, v], axis=-1).astype(float))[..., :2] * camera.focal_px + camera.principal_px
+    if not np.all(np.isfinite(pixels)):
+        raise BadGeometry("camera: the lens distortion cannot be inverted over the whole picture")
+    low = np.floor(pixels.min(axis=(0, 1))) - 1
+    width_px, height_px = (np.ceil(pixels.max(axis=(0, 1))) - low + 2).astype(int)
+    if max(width_px, height_px) > _LARGEST_PX:
+        raise BadGeometry(f"camera: lens distortion needs a picture of {width_px}x{height_px} pixels to cover its view")
+    pinhole = CameraModel(
+        width_px=int(width_px),
+        height_px=int(height_px),
+        focal_px=camera.focal_px,
+        principal_px=camera.principal_px - low,
+    )
+    maps = (pixels - low).astype(np.float32)
+    return pinhole, cv2.convertMaps(maps[..., 0], maps[..., 1], cv2.CV_16SC2)
+
+
+def _open_renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
+    """A renderer without multisampling and shadows; the model's own settings are as before afterwards."""
+    quality, buffer = model.vis.quality, model.vis.global_
+    before = quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight
+    quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = 0, 0, width_px, height_px
+    try:
+        return mujoco.Renderer(model, height_px, width_px)
+    except (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError) as error:
+        raise NotReady(GRAPHICS_HELP.format(cause=str(error) or type(error).__name__)) from error
+    finally:
+        quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = before

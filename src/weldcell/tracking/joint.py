@@ -1,0 +1,76 @@
+"""The named feature points of a joint in one profile, for each kind of joint that is known."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from weldcell.cell.errors import BadInput
+from weldcell.cell.optics import LaserPlane
+from weldcell.cell.profile import JointFeatures, Profile
+from weldcell.tracking.section import Section, section_of
+from weldcell.tracking.v_groove import V_NAMES, Found, find_v
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointKind:
+    """How one kind of joint is found."""
+
+    names: tuple[str, ...]
+    """Its features, from left to right."""
+    anchor: str
+    """The feature that a tracker follows: the last frame's one gates the next."""
+    find: Callable[[Section, float | None], Found]
+    """From a section and x of the last frame's anchor (m, laser frame; None: no last frame) to its corners."""
+
+
+JOINT_KINDS = {
+    "v": JointKind(names=V_NAMES, anchor="root", find=find_v),
+}
+"""A new kind of joint is a module with a `find` of its own, and a line here."""
+
+
+def find_joint(
+    profile: Profile, kind: str, plane: LaserPlane, *, previous: JointFeatures | None = None
+) -> JointFeatures:
+    """The joint's features in the camera frame; `valid` is False, with the reason, where there is no such joint.
+
+    Left is smaller x of the laser frame, which is the camera's x. A sensor that travels along the torch's +x looks
+    back at the torch, so that camera x is -y of the torch: left is then the side of +y_torch, left of the travel.
+    `previous` is what this function gave for the frame before; joints far away from it don't count.
+
+    Raises BadInput for a kind that is not known.
+    """
+    if kind not in JOINT_KINDS:
+        raise BadInput(f"joint kind: {kind!r} is not known. Available: {', '.join(sorted(JOINT_KINDS))}")
+    joint = JOINT_KINDS[kind]
+    if not profile.valid.any():
+        return _invalid(joint, profile.reason or "the profile holds no valid point")
+    found = joint.find(section_of(profile, plane), _anchor_x(joint, plane, previous))
+    if not found.corners:
+        return _invalid(joint, found.reason)
+    points_laser = np.array([[corner.x_m, 0.0, corner.z_m] for corner in found.corners])
+    return JointFeatures(
+        names=joint.names,
+        points_camera=plane.T_camera_laser.apply(points_laser),
+        sigma_m=np.array([corner.sigma_m for corner in found.corners]),
+        valid=True,
+    )
+
+
+def _anchor_x(joint: JointKind, plane: LaserPlane, previous: JointFeatures | None) -> float | None:
+    if previous is None or not previous.valid:
+        return None
+    anchor_camera = previous.points_camera[previous.names.index(joint.anchor)]
+    return float(plane.T_camera_laser.inv().apply(anchor_camera)[0])
+
+
+def _invalid(joint: JointKind, reason: str) -> JointFeatures:
+    count = len(joint.names)
+    return JointFeatures(
+        names=joint.names,
+        points_camera=np.full((count, 3), np.nan),
+        sigma_m=np.full(count, np.nan),
+        valid=False,
+        reason=reason,
+    )

@@ -1,0 +1,135 @@
+"""The straight pieces of a section: where a profile bends or jumps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import median_filter
+
+from weldcell.tracking.section import Section
+
+_NEIGHBOURS = 6  # on each side, to tell a stray from the surface
+_AGREEING_SHARE = 0.4
+_MEDIAN_POINTS = 9
+_BEND_SIGMAS = 5.0
+_LEAST_BEND_M = 1e-4
+_FEWEST_POINTS = 5
+_SHORTEST_M = 4e-4
+_SAME_LINE_RAD = np.deg2rad(3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """A straight piece of a section, roughly: line z = intercept_m + slope x from start_m to end_m (x)."""
+
+    start_m: float
+    end_m: float
+    slope: float
+    intercept_m: float
+    count: int
+
+    def z_at(self, x_m: float) -> float:
+        """z of the piece's line (m)."""
+        return self.intercept_m + self.slope * x_m
+
+    @property
+    def angle_rad(self) -> float:
+        """Inclination against x, positive where the piece gets deeper with x."""
+        return float(np.arctan(self.slope))
+
+
+def straight_pieces(section: Section, *, steepest: float) -> list[Piece]:
+    """The straight pieces from left to right, without strays and crumbs; pieces of one line are joined.
+
+    `steepest` is the largest dz/dx that neighbours of one surface may have: the smaller, the more strays are seen.
+
+    Splits the median-filtered section at its largest deviation from the chord (Ramer 1972, Douglas and Peucker
+    1973) until no deviation is above the noise.
+    """
+    section = section.only(_agrees_with_neighbours(section, steepest))
+    if len(section.x_m) < _FEWEST_POINTS:
+        return []
+    z = median_filter(section.z_m, size=_MEDIAN_POINTS, mode="nearest")
+    tolerance_m = max(_LEAST_BEND_M, _BEND_SIGMAS * float(np.median(section.sigma_m)))
+    cuts = _split(section.x_m, z, tolerance_m)
+    pieces = [_piece(section.x_m[a : b + 1], z[a : b + 1]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    return _joined([piece for piece in pieces if _is_substantial(piece)], 3 * tolerance_m)
+
+
+def _agrees_with_neighbours(section: Section, steepest: float) -> Bool[np.ndarray, "n"]:
+    """Points that lie on one surface with enough of their neighbours."""
+    x, z, count = section.x_m, section.z_m, len(section.x_m)
+    noise_m = 6 * float(np.median(section.sigma_m)) if count else 0.0
+    agreeing, offered = np.zeros(count), np.zeros(count)
+    for step in range(1, min(_NEIGHBOURS, count - 1) + 1):
+        close = np.abs(z[step:] - z[:-step]) <= steepest * (x[step:] - x[:-step]) + noise_m
+        agreeing[step:] += close
+        agreeing[:-step] += close
+        offered[step:] += 1
+        offered[:-step] += 1
+    return agreeing >= _AGREEING_SHARE * np.maximum(offered, 1)
+
+
+def _split(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"], tolerance_m: float) -> Int[np.ndarray, "k"]:
+    """Indices at which the polyline is cut, both ends included."""
+    cuts, waiting = {0, len(x) - 1}, [(0, len(x) - 1)]
+    while waiting:
+        start, end = waiting.pop()
+        if end - start < 2:
+            continue
+        run, rise = x[end] - x[start], z[end] - z[start]
+        length = max(float(np.hypot(run, rise)), 1e-12)
+        inner = slice(start + 1, end)
+        distance = np.abs(run * (z[inner] - z[start]) - rise * (x[inner] - x[start])) / length
+        farthest = int(distance.argmax())
+        if distance[farthest] > tolerance_m:
+            middle = start + 1 + farthest
+            cuts.add(middle)
+            waiting += [(start, middle), (middle, end)]
+    return np.array(sorted(cuts))
+
+
+def _piece(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> Piece:
+    centre = x.mean()
+    offset = x - centre
+    slope = float(offset @ z / max(float(offset @ offset), 1e-30))
+    return Piece(
+        start_m=float(x[0]),
+        end_m=float(x[-1]),
+        slope=slope,
+        intercept_m=float(z.mean() - slope * centre),
+        count=len(x),
+    )
+
+
+def _is_substantial(piece: Piece) -> bool:
+    length_m = (piece.end_m - piece.start_m) * np.hypot(1, piece.slope)
+    return piece.count >= _FEWEST_POINTS and length_m >= _SHORTEST_M
+
+
+def _joined(pieces: list[Piece], tolerance_m: float) -> list[Piece]:
+    """Neighbouring pieces that lie on one line become one piece."""
+    joined: list[Piece] = []
+    for piece in pieces:
+        if joined and _on_one_line(joined[-1], piece, tolerance_m):
+            piece = _union(joined.pop(), piece)
+        joined.append(piece)
+    return joined
+
+
+def _on_one_line(left: Piece, right: Piece, tolerance_m: float) -> bool:
+    middle = (left.end_m + right.start_m) / 2
+    apart_m = abs(left.z_at(middle) - right.z_at(middle)) * np.cos(left.angle_rad)
+    return abs(left.angle_rad - right.angle_rad) < _SAME_LINE_RAD and apart_m < tolerance_m
+
+
+def _union(left: Piece, right: Piece) -> Piece:
+    """The chord of both pieces, from the start of the one to the end of the other."""
+    slope = (right.z_at(right.end_m) - left.z_at(left.start_m)) / (right.end_m - left.start_m)
+    return Piece(
+        start_m=left.start_m,
+        end_m=right.end_m,
+        slope=slope,
+        intercept_m=left.z_at(left.start_m) - slope * left.start_m,
+        count=left.count + right.count,
+    )

@@ -1,0 +1,65 @@
+"""From stripe to profile: each stripe point is where its camera ray meets the light plane."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from weldcell.cell.optics import CameraModel, LaserPlane
+from weldcell.cell.profile import Profile, Stripe
+
+_DIFFERENCE = 1e-5  # step of the derivative, in normalised image units: 0.03 px
+
+
+def triangulate(
+    stripe: Stripe, camera: CameraModel, plane: LaserPlane, *, depth_range_m: tuple[float, float] = (0.05, 1.0)
+) -> Profile:
+    """The stripe's points in the camera frame, one for each stripe point, in the same order.
+
+    A point is valid if it lies within `depth_range_m` (least and greatest distance along the camera's axis). Its
+    `sigma_m` is the share along the light (z of the laser frame) of the step that `sigma_px` along the column makes.
+    """
+    pixels = np.column_stack([stripe.u_px, stripe.v_px])
+    rays = camera.unproject(pixels)
+    points_camera = plane.intersect(rays)
+    rows_per_y = (camera.project(rays + [0.0, _DIFFERENCE, 0.0])[:, 1] - stripe.v_px) / _DIFFERENCE
+    light = plane.T_camera_laser.rotation.as_matrix()[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma_m = stripe.sigma_px * np.abs((_step_of_y(points_camera, plane) @ light) / rows_per_y)
+    near, far = depth_range_m
+    with np.errstate(invalid="ignore"):
+        in_range = (points_camera[:, 2] >= near) & (points_camera[:, 2] <= far)
+    valid = in_range & np.isfinite(sigma_m)
+    return Profile(
+        points_camera=np.where(valid[:, None], points_camera, np.nan),
+        sigma_m=np.where(valid, sigma_m, np.nan),
+        valid=valid,
+        reason=_reason(valid, depth_range_m),
+    )
+
+
+def _reason(valid: Bool[np.ndarray, "n"], depth_range_m: tuple[float, float]) -> str:
+    if len(valid) == 0:
+        return "no stripe in the picture"
+    if not valid.any():
+        near, far = depth_range_m
+        return f"no point of the stripe lies within the range of {near:.3g} to {far:.3g} m"
+    return ""
+
+
+def noise_slopes(points_laser: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n"]:
+    """dx/dz (laser frame) of the step that a point makes when its stripe centre moves along the picture's column.
+
+    Lens distortion turns this direction by less than a degree and is left out.
+    """
+    T_camera_laser = plane.T_camera_laser
+    step_camera = _step_of_y(T_camera_laser.apply(points_laser), plane)
+    step_laser = step_camera @ T_camera_laser.rotation.as_matrix()
+    return step_laser[:, 0] / step_laser[:, 2]
+
+
+def _step_of_y(points_camera: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n 3"]:
+    """How a point moves in the light plane with the y of its ray (x, y, 1).
+
+    From p = s r with s = d / (n.r) follows dp/dy = s (e_y - p n_y / d); s is the point's depth.
+    """
+    turned = np.array([0.0, 1.0, 0.0]) - points_camera * (plane.normal_camera[1] / plane.offset_m)
+    return points_camera[:, 2:] * turned
