@@ -29,6 +29,11 @@ def camera_on_flange() -> RigidTransform:
     return torch_on_flange() * rigid_from(rotation, np.array([0.060 + 0.1945, 0.0, -0.1945]))
 
 
+def torch_down() -> Rotation:
+    """R_base_flange at which the torch points straight down and its travel direction is the base's x."""
+    return Rotation.from_euler("x", 180, degrees=True) * torch_on_flange().rotation.inv()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sights:
     """A fixed target seen from a camera on the flange."""
@@ -56,8 +61,7 @@ def sights(
     group = np.arange(count) < translations
     tilts = rng.uniform(-1, 1, (count, 3)) * np.deg2rad(tilt_deg)
     tilts[group] = 0.0
-    downwards = Rotation.from_euler("x", 180, degrees=True)
-    R_base_camera = downwards * Rotation.from_rotvec(tilts)
+    R_base_camera = Rotation.from_rotvec(tilts) * torch_down() * T_flange_camera.rotation
     centres_camera = np.array([0.0, 0.0, 0.275]) + rng.uniform(-1, 1, (count, 3)) * np.sqrt(3) * spread_m
     T_base_camera = rigid_from(R_base_camera, target_base - R_base_camera.apply(centres_camera))
     return Sights(
@@ -76,6 +80,7 @@ def touch_poses(
     tip_flange: np.ndarray = TIP_FLANGE,
     centre_base: np.ndarray = SPHERE_BASE,
     tilt_deg: float = 30.0,
+    yaw_deg: float = 0.0,
     lowest_deg: float = 0.0,
 ) -> RigidTransform:
     """Flange poses at which the tip touches the sphere exactly, all over it above a latitude."""
@@ -85,8 +90,7 @@ def touch_poses(
     outward = np.column_stack([flat * np.cos(longitude), flat * np.sin(longitude), height])
     tips_base = centre_base + (SPHERE_RADIUS_M + TIP_RADIUS_M) * outward
     tilts = rng.uniform(-1, 1, (count, 3)) * np.deg2rad(tilt_deg)
-    downwards = Rotation.from_euler("y", 145, degrees=True)  # the bent torch points down
-    R_base_flange = Rotation.from_rotvec(tilts) * downwards
+    R_base_flange = Rotation.from_rotvec(tilts) * Rotation.from_euler("z", yaw_deg, degrees=True) * torch_down()
     return rigid_from(R_base_flange, tips_base - R_base_flange.apply(tip_flange))
 
 

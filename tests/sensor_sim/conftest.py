@@ -53,9 +53,7 @@ def scene() -> Callable[[str], Scene]:
     """Model and data of a world body's MJCF (and optional assets), kinematics up to date."""
 
     def build(world: str, asset: str = "") -> Scene:
-        model = mujoco.MjModel.from_xml_string(
-            f"<mujoco><asset>{asset}</asset><worldbody>{world}</worldbody></mujoco>"
-        )
+        model = mujoco.MjModel.from_xml_string(f"<mujoco><asset>{asset}</asset><worldbody>{world}</worldbody></mujoco>")
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)

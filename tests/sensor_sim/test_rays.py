@@ -109,7 +109,7 @@ def test_rays_through_mesh_vertices_do_not_leak(scene):
     top = model.mesh_vert.reshape(-1, 3) @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
     inner = top[(np.abs(top[:, 2] - top[:, 2].max()) < 1e-6) & (np.abs(top[:, :2]).max(axis=1) < 0.15)]
     assert len(inner) == 361
-    above = [caster.cast(data, vertex + [0, 0, 0.25], DOWN) for vertex in inner]
+    above = [caster.cast(data, vertex + np.array([0, 0, 0.25]), DOWN) for vertex in inner]
     assert all(h.hit[0] and abs(h.distance_m[0] - 0.25) < 1e-6 for h in above)  # m, float32 vertices
     origin = np.array([0, 0, 0.25])
     fan = caster.cast(data, origin, unit(inner - origin))
@@ -131,9 +131,7 @@ def test_metal_met_from_inside_has_its_normal_along_the_ray(scene):
     assert RayCaster(model).cast(data, inside, DOWN).normals[0] @ DOWN[0] > 0
 
 
-@pytest.mark.parametrize(
-    "direction", [[0, 0, 0], [0, 0, 2.0], [0, 0, np.nan], [0, np.inf, 0], [0, 0, 1e-20]], ids=str
-)
+@pytest.mark.parametrize("direction", [[0, 0, 0], [0, 0, 2.0], [0, 0, np.nan], [0, np.inf, 0], [0, 0, 1e-20]], ids=str)
 def test_hostile_directions_are_refused_before_mujoco_sees_them(direction):
     """In a process of its own: MuJoCo ends the process on a zero direction."""
     script = (

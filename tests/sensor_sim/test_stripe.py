@@ -136,9 +136,7 @@ def test_blurred_section_agrees_with_blurring_the_true_picture(scene, overhead, 
     one = np.flatnonzero(pieces.u_px == 700)[0]
     fine = np.arange(-160, 161) / 16
     rows = pieces.v_px[one] + np.arange(-400, 401) / 16
-    light, points = brute_force_picture(
-        camera, fan, rotation, T_base_camera, 700 + fine, rows, optics.sheet_sigma_m
-    )
+    light, points = brute_force_picture(camera, fan, rotation, T_base_camera, 700 + fine, rows, optics.sheet_sigma_m)
     blurred = cv2.GaussianBlur(light, (0, 0), 16 * optics.psf_sigma_px)[:, len(fine) // 2]
     weight = blurred / blurred.sum()
     sigma = np.sqrt(weight @ (rows - weight @ rows) ** 2)
@@ -191,7 +189,9 @@ def test_a_corner_does_not_break_the_stripe_and_a_step_does(scene, overhead, cam
 @pytest.mark.parametrize("depth_mm", [0.05, 0.5, 30.0])
 def test_steps_of_any_depth_split_the_stripe(scene, overhead, camera, fan, optics, depth_mm):
     low = -0.01 - depth_mm * 1e-3
-    step = f'<geom type="box" size=".1 .05 .01" pos="0 -.05 -.01"/><geom type="box" size=".1 .05 .01" pos="0 .05 {low}"/>'
+    step = (
+        f'<geom type="box" size=".1 .05 .01" pos="0 -.05 -.01"/><geom type="box" size=".1 .05 .01" pos="0 .05 {low}"/>'
+    )
     pieces = pieces_of(scene(step), overhead((0.0, 0.0, -depth_mm * 5e-4)), camera, fan, optics)
     ends = (pieces.coverage > 0.02) & (pieces.coverage < 0.98)
     assert ends.sum() >= 4  # two ends, each fading over a few columns

@@ -72,3 +72,29 @@ def stripe_of_corners(corners, camera, plane, *, sigma_px=0.25):
 def shifted(stripe, offset_px):
     """The stripe with its centres moved."""
     return Stripe(u_px=stripe.u_px, v_px=stripe.v_px + offset_px, sigma_px=stripe.sigma_px)
+
+
+def boss_planes(*, edge_m=0.05, slope_rad=np.arctan2(4, 3), top_m=0.03):
+    """Normals and offsets of a boss about z: base, top, and slanted faces towards +x, +y, -x, -y."""
+    # The slanted edge runs over (r, r, h) with h = r tan(slope): its length is r sqrt(2 + tan^2).
+    run = edge_m / np.sqrt(2 + np.tan(slope_rad) ** 2)
+    height = run * np.tan(slope_rad)
+    azimuth = np.arange(4) * np.pi / 2
+    sides = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], -1) * np.sin(slope_rad)
+    normals = np.vstack([[0, 0, 1], [0, 0, 1], sides + [0, 0, np.cos(slope_rad)]])
+    offsets = np.array([0.0, height, *[(top_m / 2 + run) * np.sin(slope_rad)] * 4])
+    return normals, offsets
+
+
+def boss_scan(*, frames=150, columns=1000, half_m=0.06, noise_m=0.0, frame_noise_m=0.0, rng=None, **boss):
+    """Points of a scan of the boss seen from above: frames along x, columns along y."""
+    normals, offsets = boss_planes(**boss)
+    x, y = np.meshgrid(np.linspace(-half_m, half_m, frames), np.linspace(-half_m, half_m, columns), indexing="ij")
+    faces = (offsets[2:, None, None] - normals[2:, 0, None, None] * x - normals[2:, 1, None, None] * y) / normals[2, 2]
+    z = np.maximum(np.minimum(faces.min(axis=0), offsets[1]), 0.0)
+    points = np.stack([x, y, z], -1)
+    if noise_m:
+        points[..., 2] += rng.normal(0, noise_m, z.shape)
+    if frame_noise_m:
+        points += rng.normal(0, frame_noise_m, (frames, 1, 3))
+    return points.reshape(-1, 3)

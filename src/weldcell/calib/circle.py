@@ -28,8 +28,9 @@ def algebraic_circle(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3"]
     """Kasa's circle: least squares on |p|^2 = 2 c.p + k; a start only, it shrinks short noisy arcs."""
     middle = points.mean(axis=0)
     local = points - middle
-    design = np.column_stack([2 * local, np.ones(len(local))])
-    x, y, k = np.linalg.lstsq(design, np.sum(local**2, axis=1), rcond=None)[0]
+    size = np.sqrt(np.mean(local**2))
+    design = np.column_stack([2 * local, np.full(len(local), size)])
+    x, y, k = np.linalg.lstsq(design.T @ design, design.T @ np.sum(local**2, axis=1), rcond=1e-13)[0] * [1, 1, size]
     return np.array([x + middle[0], y + middle[1], np.sqrt(max(k + x * x + y * y, 0.0))])
 
 
@@ -50,6 +51,7 @@ def agreeing_points(
 def circle_residuals(
     arc: Float[np.ndarray, "k 2"], sigma_m: Float[np.ndarray, "k"], circle: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "k 1"], Float[np.ndarray, "k 1 3"]]:
+    """Radial distances in sigmas, and their derivatives by the circle: for `least_squares.fit`."""
     offsets = arc - circle[:2]
     distances = np.hypot(offsets[:, 0], offsets[:, 1])
     residuals = (distances - circle[2]) / sigma_m

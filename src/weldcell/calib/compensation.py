@@ -9,12 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.calib.hand_eye import check_sights
 from weldcell.calib.least_squares import Fit, fit
 from weldcell.calib.sight_model import (
     ROTATION,
+    TRANSLATION,
+    jacobian_of,
     lever_m,
     perturbed,
     right_jacobian,
@@ -37,7 +39,7 @@ from weldcell.cell.errors import BadInput
 
 DOUBTFUL_RMS_M = 3e-3
 REFUSED_RMS_M = 20e-3
-_ROUNDS = 3  # each starts its perturbation anew from zero; one is enough but for the largest errors
+_ROUNDS = 2  # the second starts its perturbation anew from zero, where the covariance is defined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,11 +65,11 @@ class CompensationProblem:
     """Let sights that miss by more than three sigmas pull with constant force only."""
 
     def __post_init__(self) -> None:
-        check_sights("compensation", self.T_base_flange, self.centres_camera, self.covariances_camera)
+        check_sights(
+            "compensation", self.T_base_flange, self.centres_camera, self.covariances_camera, self.pose_sigma_m
+        )
         if np.shape(self.centre_base) != (3,) or not np.all(np.isfinite(self.centre_base)):
             raise BadInput(f"compensation: centre_base is {self.centre_base}, expected 3 finite numbers")
-        if not (np.isfinite(self.pose_sigma_m) and self.pose_sigma_m > 0):
-            raise BadInput(f"compensation: pose_sigma_m is {self.pose_sigma_m}, expected a length above 0")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,14 +144,16 @@ def _judged(
 
 def _model(problem: CompensationProblem, T_start: RigidTransform, whitening: Float[np.ndarray, "n 3 3"]):  # noqa: ANN202
     """Whitened residuals, and their derivatives by a perturbation of `T_start`."""
+    R_base_flange, flange_base = problem.T_base_flange.rotation.as_matrix(), problem.T_base_flange.translation
+    R_start, start_flange = T_start.rotation.as_matrix(), T_start.translation
 
     def model(parameters: Float[np.ndarray, "6"]) -> tuple[np.ndarray, np.ndarray]:
-        T_flange_camera = perturbed(T_start, parameters)
-        found = targets_base(problem.T_base_flange, T_flange_camera, problem.centres_camera)
-        jacobian = sight_jacobian(problem.T_base_flange, T_flange_camera, problem.centres_camera)[..., :6]
+        R_flange_camera = R_start @ Rotation.from_rotvec(parameters[ROTATION]).as_matrix()
+        seen_flange = problem.centres_camera @ R_flange_camera.T + start_flange + parameters[TRANSLATION]
+        seen_base = np.einsum("nij,nj->ni", R_base_flange, seen_flange) + flange_base
+        jacobian = jacobian_of(R_base_flange, R_flange_camera, problem.centres_camera)[..., :6]
         jacobian[..., ROTATION] = jacobian[..., ROTATION] @ right_jacobian(parameters[ROTATION])
-        residuals = np.einsum("nij,nj->ni", whitening, found - problem.centre_base)
-        return residuals, whitening @ jacobian
+        return np.einsum("nij,nj->ni", whitening, seen_base - problem.centre_base), whitening @ jacobian
 
     return model
 

@@ -62,11 +62,11 @@ class HandEyeProblem:
     """Which poses keep one orientation; None: the largest group that does (within 0.05 degrees)."""
     covariances_camera: Float[np.ndarray, "n 3 3"] | None = None
     """Of the centres (m^2); they go into the covariance, not into the estimate. None: from the residuals."""
-    pose_sigma_m: float = 0.0
-    """The robot's error for a single pose, each axis, where `covariances_camera` is given."""
+    pose_sigma_m: float = 1e-4
+    """The robot's error for a single pose, each axis; used where `covariances_camera` is given."""
 
     def __post_init__(self) -> None:
-        check_sights("hand-eye", self.T_base_flange, self.centres_camera, self.covariances_camera)
+        check_sights("hand-eye", self.T_base_flange, self.centres_camera, self.covariances_camera, self.pose_sigma_m)
         if self.translations is not None and not (
             np.shape(self.translations) == (len(self.centres_camera),) and np.any(self.translations)
         ):
@@ -171,6 +171,7 @@ def check_sights(
     T_base_flange: RigidTransform,
     centres_camera: Float[np.ndarray, "n 3"],
     covariances_camera: Float[np.ndarray, "n 3 3"] | None,
+    pose_sigma_m: float,
 ) -> None:
     """Raises BadInput unless poses, centres and covariances are finite and belong together."""
     if T_base_flange.single or np.shape(centres_camera) != (len(T_base_flange), 3):
@@ -180,6 +181,10 @@ def check_sights(
         raise BadInput(f"{what}: expected finite poses and centres, found NaN or infinity")
     if covariances_camera is not None and np.shape(covariances_camera) != (len(centres_camera), 3, 3):
         raise BadInput(f"{what}: covariances of shape {np.shape(covariances_camera)}, expected (n, 3, 3)")
+    if covariances_camera is not None and not np.isfinite(covariances_camera).all():
+        raise BadInput(f"{what}: expected finite covariances, found NaN or infinity")
+    if not (np.isfinite(pose_sigma_m) and pose_sigma_m > 0):
+        raise BadInput(f"{what}: pose_sigma_m is {pose_sigma_m}, expected a length above 0")
 
 
 def _solve_rotation(problem: HandEyeProblem) -> tuple[Rotation, list[Finding]]:
@@ -226,7 +231,7 @@ def _weigh_moves(
 
 
 def _is_ratio(ratio: float, scale: float) -> bool:
-    return max(ratio, 1 / ratio) / scale < _LENGTH_RATIO and scale / max(ratio, 1 / ratio) < _LENGTH_RATIO
+    return bool(abs(abs(np.log(ratio)) - np.log(scale)) < np.log(_LENGTH_RATIO))
 
 
 def _solve_translation(

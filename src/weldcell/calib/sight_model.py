@@ -28,11 +28,17 @@ def sight_jacobian(
     T_base_flange: RigidTransform, T_flange_camera: RigidTransform, centres_camera: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3 9"]:
     """Derivatives of T_bf T_fc M_c - M_b by the nine parameters (residual in m, base axes)."""
-    R_base_flange = np.atleast_3d(T_base_flange.rotation.as_matrix()).reshape(-1, 3, 3)
-    R_base_camera = R_base_flange @ T_flange_camera.rotation.as_matrix()
-    minus_identity = np.broadcast_to(-np.eye(3), R_base_flange.shape)
-    turning = R_base_camera @ -cross_matrix(centres_camera)
-    return np.concatenate([turning, R_base_flange, minus_identity], axis=-1)
+    return jacobian_of(T_base_flange.rotation.as_matrix(), T_flange_camera.rotation.as_matrix(), centres_camera)
+
+
+def jacobian_of(
+    R_base_flange: Float[np.ndarray, "n 3 3"],
+    R_flange_camera: Float[np.ndarray, "3 3"],
+    centres_camera: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "n 3 9"]:
+    """The same from plain matrices, for loops: SciPy's transforms cost more than the arithmetic."""
+    turning = R_base_flange @ R_flange_camera @ -cross_matrix(centres_camera)
+    return np.concatenate([turning, R_base_flange, np.broadcast_to(-np.eye(3), R_base_flange.shape)], axis=-1)
 
 
 def sight_covariances_base(

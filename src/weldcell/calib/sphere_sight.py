@@ -36,10 +36,11 @@ _RADIUS_SLACK_M = 2e-5  # systematic errors of stripe centres on a steep flank
 _SIGMA_FLOOR_M = 1e-6  # no triangulation sensor knows a single point better
 _ACROSS_SHARE = 0.3  # error of a point across the light, as a share of its error along the light
 _OFF_PLANE_M = 1e-4
-_SEARCH_STARTS = 48
+_SEARCH_STARTS = 80
 _SEARCH_SPANS = (60, 30, 15, 8, 4)  # points between a triple's neighbours: the profile's length over these
 _SCORED_POINTS = 200
-_ROUNDS = 3
+_IMPROVED = 5  # circles of the search that are improved on their own points before one is chosen
+_ROUNDS = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,7 +119,7 @@ def _find_arc(
     """Centre and radius of the circle through three points that most others agree with.
 
     The triples lie on a fixed grid over the profile (neighbours in it are likely from one thing), close
-    and wide ones, so the search needs no chance. The best is improved on its own inliers twice.
+    and wide ones, so the search needs no chance.
     """
     circles = circles_through(section, *_triples(len(section)))
     low_m, high_m = _SMALLEST_SHARE * radius_m, 1.05 * radius_m
@@ -127,15 +128,23 @@ def _find_arc(
         return None
     gates_m = np.maximum(_GATE_SIGMAS * sigma_m, _SEARCH_GATE_M)
     scored = slice(None, None, max(1, len(section) // _SCORED_POINTS))
-    circle = circles[np.argmax(agreeing_points(section[scored], gates_m[scored], circles))]
+    ranking = np.argsort(-agreeing_points(section[scored], gates_m[scored], circles), kind="stable")
+    improved = np.array([_improved(section, gates_m, circle, high_m) for circle in circles[ranking[:_IMPROVED]]])
+    return improved[np.argmax(agreeing_points(section, gates_m, improved))]
+
+
+def _improved(
+    section: Float[np.ndarray, "n 2"], gates_m: Float[np.ndarray, "n"], circle: Float[np.ndarray, "3"], high_m: float
+) -> Float[np.ndarray, "3"]:
+    """The circle through all points near it, twice; as it was where that is no circle of the sphere's size."""
     for _ in range(_ROUNDS):
-        near_best = np.abs(radial_distance(section, circle)) < gates_m
-        if np.sum(near_best) < 3:
-            return None
-        improved = algebraic_circle(section[near_best])
-        if not 0 < improved[2] < 1.2 * radius_m:
+        near = np.abs(radial_distance(section, circle)) < gates_m
+        if np.sum(near) < _FEWEST_POINTS:
             break
-        circle = improved
+        better = algebraic_circle(section[near])
+        if not 0 < better[2] < high_m:
+            break
+        circle = better
     return circle
 
 

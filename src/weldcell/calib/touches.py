@@ -29,6 +29,7 @@ from weldcell.cell.errors import BadInput
 
 DOUBTFUL_RMS_M = 1e-3
 REFUSED_RMS_M = 5e-3  # a quarter of the usual sphere's radius
+_TIP_OFF_M = 20e-3  # more is another torch, or another unit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,10 +105,12 @@ def _judged(problem: TouchProblem, parameters: Float[np.ndarray, "free"], found:
     seen = observe(jacobian[:, 0] * sigma_m[:, None], _blocks(problem))
     covariance = np.zeros((6, 6))
     covariance[:free, :free] = np.inf if found is None else found.covariance
-    verdict, reasons = judge(_findings(found, seen, residual_m, rms_m, free))
+    tip_flange = parameters[3:] if problem.estimate_tip else np.array(problem.tip_flange, dtype=float)
+    findings = _findings(found, seen, residual_m, rms_m, free) + _weigh_tip(problem, tip_flange)
+    verdict, reasons = judge(findings)
     return TouchResult(
         centre_base=parameters[:3],
-        tip_flange=parameters[3:] if problem.estimate_tip else np.array(problem.tip_flange, dtype=float),
+        tip_flange=tip_flange,
         covariance=covariance,
         residual_m=residual_m,
         rms_m=rms_m,
@@ -128,6 +131,14 @@ def _findings(
     findings += weigh_convergence(found.converged, found.message)
     findings += weigh_residual(rms_m, "touches", doubtful_m=DOUBTFUL_RMS_M, refused_m=REFUSED_RMS_M)
     return findings + weigh_outliers(np.abs(residual_m), "touch")
+
+
+def _weigh_tip(problem: TouchProblem, tip_flange: Float[np.ndarray, "3"]) -> list[Finding]:
+    distance_m = float(np.linalg.norm(tip_flange - problem.tip_flange))
+    if distance_m <= _TIP_OFF_M:
+        return []
+    reason = f"the tip lies {distance_m * 1e3:.3g} mm from its nominal place, expected within {_TIP_OFF_M * 1e3:.3g} mm"
+    return [Finding(verdict="doubtful", reason=reason)]
 
 
 def _model(problem: TouchProblem):  # noqa: ANN202 (a least_squares.Model)

@@ -18,7 +18,7 @@ DOUBTFUL_CONDITION = 100.0
 REFUSED_CONDITION = 1e4
 _SINGULAR = 1e-10  # relative singular value that is rounding, not data
 _NAMED_SHARE = 0.2  # a block with less than this share of a direction is left out of its description
-_OUTLIER_RATIO = 6.0  # times the median residual: 4 sigma for normal errors in three axes
+_OUTLIER_RATIO = 4.0  # times the third quartile: 4.6 sigma for normal errors along one axis, 8 for a vector
 _OUTLIER_FLOOR_M = 1e-6  # residuals below this are rounding and quantisation
 
 
@@ -105,14 +105,14 @@ def weigh_residual(rms_m: float, what: str, *, doubtful_m: float, refused_m: flo
 
 def weigh_outliers(residual_m: Float[np.ndarray, "n"], what: str) -> list[Finding]:
     """Doubts about single observations that miss far more than the others do."""
-    limit_m = max(_OUTLIER_RATIO * float(np.median(residual_m)), _OUTLIER_FLOOR_M)
+    usual_m = float(np.quantile(residual_m, 0.75, method="lower"))  # poses of one orientation agree too well to be it
     return [
         Finding(
             verdict="doubtful",
             reason=f"{what} {index} (counted from 0) misses by {residual_m[index] * 1e3:.3g} mm, "
-            f"the median one by {np.median(residual_m) * 1e3:.3g} mm",
+            f"three quarters of them by {usual_m * 1e3:.3g} mm or less",
         )
-        for index in np.flatnonzero(residual_m > limit_m)
+        for index in np.flatnonzero(residual_m > max(_OUTLIER_RATIO * usual_m, _OUTLIER_FLOOR_M))
     ]
 
 

@@ -101,8 +101,8 @@ class SeamConfig:
     """How far the S-shaped path swings to either side."""
     position_mm: Point = (930.0, 0.0, 300.0)
     """Centre of the plate's underside, in the robot base, as the controller was told."""
-    yaw_deg: Finite = 0.0
-    """Direction of the seam, about the vertical from the base's x."""
+    yaw_deg: Finite = 90.0
+    """Direction of the seam and of travel, about the vertical from the base's x."""
     misplacement_mm: Unsigned = 2.0
     """How far off the plate actually stands (one sigma, horizontal)."""
     misplacement_deg: Unsigned = 0.3

@@ -18,8 +18,9 @@ from weldcell.models.mesh_body import GROUP_ARM, Piece, add_pieces, set_inertia,
 Six = tuple[float, float, float, float, float, float]
 
 
-def _rad(*values_deg: float) -> tuple[float, ...]:
-    return tuple(math.radians(value) for value in values_deg)
+def _rad(*values_deg: float) -> Six:
+    a, b, c, d, e, f = (math.radians(value) for value in values_deg)
+    return a, b, c, d, e, f
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,25 +75,25 @@ KR5_ARC = ArmGeometry(
     c3_m=0.620,
     c4_m=0.115,
     signs=(-1, 1, 1, -1, 1, -1),
-    offsets_rad=_rad(0, -90, 0, 0, 0, 0),  # type: ignore[arg-type]
-    lower_rad=_rad(-155, -180, -15, -350, -130, -350),  # type: ignore[arg-type]
-    upper_rad=_rad(155, 65, 158, 350, 130, 350),  # type: ignore[arg-type]
-    speeds_rad_s=_rad(154, 154, 228, 343, 384, 721),  # type: ignore[arg-type]
+    offsets_rad=_rad(0, -90, 0, 0, 0, 0),
+    lower_rad=_rad(-155, -180, -15, -350, -130, -350),
+    upper_rad=_rad(155, 65, 158, 350, 130, 350),
+    speeds_rad_s=_rad(154, 154, 228, 343, 384, 721),
 )
 
 ARM_MASS_KG = 127.0
 """Mass of the whole arm with its base (the class's published figure)."""
 
-# Effective densities, kg/m3, of the closed outer shapes before they are scaled to the total mass: the base is
-# cast iron with thick walls, the others are aluminium castings (2700 as solid), hollow, with motors and gears.
+# Effective densities, kg/m3, of the closed outer shapes before they are scaled to the total mass. Solid aluminium has
+# 2700 and iron 7200: the castings are hollow but hold motors, gears and cables; the flange is nearly solid steel.
 _EFFECTIVE_DENSITY = {
-    "base": 2600.0,
-    "link_1": 2600.0,
-    "link_2": 2400.0,
-    "link_3": 2700.0,
-    "link_4": 2200.0,
-    "link_5": 2600.0,
-    "link_6": 5000.0,
+    "base": 2200.0,
+    "link_1": 2200.0,
+    "link_2": 2000.0,
+    "link_3": 2300.0,
+    "link_4": 1850.0,
+    "link_5": 2200.0,
+    "link_6": 4200.0,
 }
 
 

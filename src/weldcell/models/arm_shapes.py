@@ -29,8 +29,12 @@ def base_pieces(c1_m: float) -> list[Piece]:
         ]
     )  # fmt: skip
     ribs = join(
-        hull([box((0.10, -0.009, 0.02), (0.172, 0.009, 0.034), 0.003), box((0.10, -0.009, 0.03), (0.14, 0.009, 0.12), 0.003)])
-        .rotate((0, 0, angle))
+        hull(
+            [
+                box((0.10, -0.009, 0.02), (0.172, 0.009, 0.034), 0.003),
+                box((0.10, -0.009, 0.03), (0.14, 0.009, 0.12), 0.003),
+            ]
+        ).rotate((0, 0, angle))
         for angle in (45, 135, 225, 315)
     )
     connectors = join(
@@ -41,9 +45,7 @@ def base_pieces(c1_m: float) -> list[Piece]:
         ]
     )
     bolts = join(
-        rod((x, y, 0.02), (x, y, 0.036), 0.0125, edge=0.002, segments=12)
-        for x in (-0.16, 0.16)
-        for y in (-0.16, 0.16)
+        rod((x, y, 0.02), (x, y, 0.036), 0.0125, edge=0.002, segments=12) for x in (-0.16, 0.16) for y in (-0.16, 0.16)
     )
     return [
         Piece(name="base_casting", solid=join([plate, column, ribs]), finish=ORANGE),
@@ -62,8 +64,8 @@ def carousel_pieces(a1_m: float) -> list[Piece]:
     )
     shoulder = chain(
         [
-            join([rod((-0.02, 0, -0.15), (-0.02, 0, -0.10), 0.125, edge=0.012)]),
-            join([rod((0.065, -0.072, -0.075), (0.065, 0.050, -0.075), 0.095, edge=0.016)]),
+            rod((-0.02, 0, -0.15), (-0.02, 0, -0.10), 0.125, edge=0.012),
+            rod((0.065, -0.072, -0.075), (0.065, 0.050, -0.075), 0.095, edge=0.016),
             rod((a1_m, -0.075, 0), (a1_m, 0.052, 0), 0.094, edge=0.014),
         ]
     )
@@ -160,7 +162,12 @@ def elbow_pieces(a2_m: float) -> list[Piece]:
         [
             hull([hub, rod((a2_m + 0.01, -0.06, 0.015), (a2_m + 0.01, 0.05, 0.015), 0.066, edge=0.02)]),
             barrel,
-            hull([rod((a2_m, 0, -0.04), (a2_m, 0, 0.10), 0.076, edge=0.012), rod((-0.03, -0.055, 0.0), (-0.03, 0.045, 0.0), 0.072, edge=0.02)]),
+            hull(
+                [
+                    rod((a2_m, 0, -0.04), (a2_m, 0, 0.10), 0.076, edge=0.012),
+                    rod((-0.03, -0.055, 0.0), (-0.03, 0.045, 0.0), 0.072, edge=0.02),
+                ]
+            ),
             nose,
         ]
     )
@@ -233,7 +240,12 @@ def wrist_pieces() -> list[Piece]:
     body = join(
         [
             rod((0, -0.040, 0), (0, 0.040, 0), 0.042, edge=0.008),
-            hull([rod((0, -0.034, 0), (0, 0.034, 0), 0.040, edge=0.01), rod((0, 0, 0.05), (0, 0, 0.072), 0.036, edge=0.004)]),
+            hull(
+                [
+                    rod((0, -0.034, 0), (0, 0.034, 0), 0.040, edge=0.01),
+                    rod((0, 0, 0.05), (0, 0, 0.072), 0.036, edge=0.004),
+                ]
+            ),
             rod((0, 0, 0.06), (0, 0, 0.088), 0.034, edge=0.003),
         ]
     )
@@ -261,12 +273,17 @@ def _motor(
     """A servo motor: round flange, ribbed housing, encoder cap, plug."""
     outline = [(0.0, -0.004), (1.14 * radius, -0.004), (1.16 * radius, -0.002), (1.16 * radius, 0.013)]
     outline += [(1.13 * radius, 0.016), (0.93 * radius, 0.016)]
-    for start in np.linspace(0.14, 0.60, 5) * length:  # five ribs
-        rib = 0.055 * length
-        outline += [(0.93 * radius, start), (radius, start + 0.003), (radius, start + rib), (0.93 * radius, start + rib + 0.003)]
+    for start in np.linspace(0.14, 0.58, 4) * length:  # four ribs
+        rib = 0.075 * length
+        outline += [
+            (0.93 * radius, start),
+            (radius, start + 0.003),
+            (radius, start + rib),
+            (0.93 * radius, start + rib + 0.003),
+        ]
     outline += [(0.93 * radius, 0.71 * length), (0.86 * radius, 0.725 * length), (0.86 * radius, 0.94 * length)]
     outline += [(0.82 * radius, 0.98 * length), (0.74 * radius, length), (0.0, length)]
-    housing = place(turned(outline, 36), origin, z)
+    housing = place(turned(outline, 36 if radius > 0.04 else 20), origin, z)
     axis = np.asarray(z, float)
     foot = np.asarray(origin, float) + 0.8 * length * axis
     side = np.cross(axis, [0, 1, 0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0, 1])

@@ -134,7 +134,7 @@ def volume_properties(pieces: Sequence[Piece]) -> tuple[float, Float[np.ndarray,
     volumes = np.array([mesh.volume for mesh in meshes])
     centres = np.array([mesh.center_mass for mesh in meshes])
     centre = volumes @ centres / volumes.sum()
-    inertia = sum(mesh.moment_inertia for mesh in meshes)
+    inertia = np.sum([mesh.moment_inertia for mesh in meshes], axis=0)
     for volume, offset in zip(volumes, centres - centre, strict=True):  # Huygens-Steiner
         inertia = inertia + volume * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     return float(volumes.sum()), centre, inertia

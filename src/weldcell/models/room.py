@@ -4,7 +4,18 @@ import mujoco
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from weldcell.models.mesh_body import BLACK, DARK_GREY, GROUP_PARTS, LIGHT_GREY, ORANGE, PART_MASK, BLUE, Finish, Piece, add_pieces
+from weldcell.models.mesh_body import (
+    BLACK,
+    BLUE,
+    DARK_GREY,
+    GROUP_PARTS,
+    LIGHT_GREY,
+    ORANGE,
+    PART_MASK,
+    Finish,
+    Piece,
+    add_pieces,
+)
 from weldcell.models.shapes import box, join, rod
 
 TABLE_TOP_M = 0.300
@@ -49,7 +60,12 @@ def _table_pieces() -> list[Piece]:
         ]
     )
     legs = join(
-        join([box((x, y, 0.01), (x + 0.08, y + 0.08, 0.21), 0.006), rod((x + 0.04, y + 0.04, 0), (x + 0.04, y + 0.04, 0.02), 0.05)])
+        join(
+            [
+                box((x, y, 0.01), (x + 0.08, y + 0.08, 0.21), 0.006),
+                rod((x + 0.04, y + 0.04, 0), (x + 0.04, y + 0.04, 0.02), 0.05),
+            ]
+        )
         for x in (x0 + 0.03, x1 - 0.11)
         for y in (y0 + 0.03, y1 - 0.11)
     )
@@ -62,7 +78,9 @@ def _table_pieces() -> list[Piece]:
 
 def _cabinet_pieces() -> list[Piece]:
     """Robot controller and welding power source, out of the arm's reach behind it."""
-    controller = join([box((-1.75, -0.95, 0.06), (-1.15, -0.25, 1.0), 0.012), box((-1.155, -0.90, 0.12), (-1.14, -0.30, 0.94), 0.004)])
+    controller = join(
+        [box((-1.75, -0.95, 0.06), (-1.15, -0.25, 1.0), 0.012), box((-1.155, -0.90, 0.12), (-1.14, -0.30, 0.94), 0.004)]
+    )
     feet = join(
         [
             box((-1.72, -0.92, 0), (-1.18, -0.28, 0.07), 0.004),
@@ -73,7 +91,12 @@ def _cabinet_pieces() -> list[Piece]:
         ]
     )
     source = box((-1.75, 0.15, 0.09), (-1.15, 0.60, 0.72), 0.03)
-    drum = join([rod((-1.45, 0.95, 0.0), (-1.45, 0.95, 0.80), 0.26, edge=0.02), rod((-1.45, 0.95, 0.78), (-1.45, 0.95, 0.86), 0.20, edge=0.02, end_radius=0.06)])
+    drum = join(
+        [
+            rod((-1.45, 0.95, 0.0), (-1.45, 0.95, 0.80), 0.26, edge=0.02),
+            rod((-1.45, 0.95, 0.78), (-1.45, 0.95, 0.86), 0.20, edge=0.02, end_radius=0.06),
+        ]
+    )
     return [
         Piece(name="controller_cabinet", solid=controller, finish=LIGHT_GREY),
         Piece(name="cabinet_details", solid=feet, finish=BLACK),

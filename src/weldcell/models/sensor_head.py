@@ -55,14 +55,19 @@ def build_sensor_head(T_flange_camera: RigidTransform = T_FLANGE_CAMERA) -> mujo
     spec = mujoco.MjSpec()
     spec.modelname = "sensor_head"
     body = spec.worldbody.add_body(name="sensor_head")
-    T_flange_housing = T_flange_camera * _T_CAMERA_HOUSING
-    pieces = _housing_pieces(T_flange_housing) + _bracket_pieces(T_flange_housing)
+    pieces = head_pieces(T_flange_camera)
     add_pieces(spec, body, pieces, group=GROUP_SENSOR)
     set_inertia(body, pieces, SENSOR_MASS_KG)
     quaternion = T_flange_camera.rotation.as_quat(scalar_first=True)
     body.add_site(name="camera", pos=T_flange_camera.translation, quat=quaternion, group=5)
     body.add_site(name="laser_source", pos=T_flange_camera.apply(LASER_SOURCE_CAMERA), quat=quaternion, group=5)
     return spec
+
+
+def head_pieces(T_flange_camera: RigidTransform = T_FLANGE_CAMERA) -> list[Piece]:
+    """The coloured solids of head and bracket in the flange frame; the first three are the housing."""
+    T_flange_housing = T_flange_camera * _T_CAMERA_HOUSING
+    return _housing_pieces(T_flange_housing) + _bracket_pieces(T_flange_housing)
 
 
 def _housing_pieces(T_flange_housing: RigidTransform) -> list[Piece]:
@@ -79,20 +84,30 @@ def _housing_pieces(T_flange_housing: RigidTransform) -> list[Piece]:
     axis = np.array([along[0], 0, along[1]])
     camera_window = rod(axis * (_WINDOW_M - 0.004), axis * _WINDOW_M, 0.017, edge=0.0005)
     camera_rim = rod(axis * (_WINDOW_M - 0.004), axis * (_WINDOW_M - 0.0005), 0.020, edge=0.0005)
-    laser_window = box(
-        (laser_x - 0.010, -0.020, _WINDOW_M - 0.004), (laser_x + 0.010, 0.020, _WINDOW_M), 0.0008
-    )
+    laser_window = box((laser_x - 0.010, -0.020, _WINDOW_M - 0.004), (laser_x + 0.010, 0.020, _WINDOW_M), 0.0008)
     back = np.array([-axis[0], 0, -axis[2]]) * 0.058
     side = np.array([across[0], 0, across[1]])
     plugs = join(
-        rod(back + 0.010 * s * side + [0, y, 0], back * 1.36 + 0.010 * s * side + [0, y, 0], 0.0075, edge=0.001, segments=24)
+        rod(
+            back + 0.010 * s * side + [0, y, 0],
+            back * 1.36 + 0.010 * s * side + [0, y, 0],
+            0.0075,
+            edge=0.001,
+            segments=24,
+        )
         for s, y in ((0, -0.012), (0, 0.012))
     )
     fins = join(
         box((x, -_HALF_WIDTH_M - 0.002, -0.078), (x + 0.004, _HALF_WIDTH_M + 0.002, -0.028), 0.0012)
         for x in np.arange(-0.145, -0.055, 0.0095)
     )
-    led = rod((laser_x, -_HALF_WIDTH_M - 0.001, -0.03), (laser_x, -_HALF_WIDTH_M + 0.002, -0.03), 0.004, edge=0.0005, segments=16)
+    led = rod(
+        (laser_x, -_HALF_WIDTH_M - 0.001, -0.03),
+        (laser_x, -_HALF_WIDTH_M + 0.002, -0.03),
+        0.004,
+        edge=0.0005,
+        segments=16,
+    )
     solids = [
         ("sensor_laser_block", laser_block, BLUE),
         ("sensor_bridge", bridge, BLUE),
@@ -110,7 +125,9 @@ def _housing_pieces(T_flange_housing: RigidTransform) -> list[Piece]:
 
 def _bracket_pieces(T_flange_housing: RigidTransform) -> list[Piece]:
     """A ring round the torch's adapter and two cheeks from it to the pad on the housing's back."""
-    ring = rod((0, 0, 0.002), (0, 0, 0.016), 0.056, edge=0.002) - Manifold.cylinder(0.1, 0.0405, -1.0, 48).translate((0, 0, -0.05))
+    ring = rod((0, 0, 0.002), (0, 0, 0.016), 0.056, edge=0.002) - Manifold.cylinder(0.1, 0.0405, -1.0, 48).translate(
+        (0, 0, -0.05)
+    )
     pad_housing = slab(_rectangle(-0.21, -0.075, -0.0955, -0.084, 0.002), 0.027, 0.002)
     ends = T_flange_housing.apply(np.array([[-0.205, 0, -0.091], [-0.080, 0, -0.091]]))
     outline = [(0.047, 0.005), (0.053, 0.005), (0.047, 0.013), *((x, z) for x, _, z in ends)]

@@ -4,11 +4,13 @@ All lengths are in metres, all solids in the frame of the body that they belong 
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import numpy as np
 import trimesh
 from jaxtyping import Float
 from manifold3d import CrossSection, Manifold, Mesh64
+from numpy.typing import ArrayLike
 
 from weldcell.cell.errors import BadGeometry
 from weldcell.cell.frames import axes_rotation
@@ -23,8 +25,8 @@ def turned(outline_rz: Sequence[tuple[float, float]], segments: int = _SEGMENTS)
 
 
 def rod(
-    start: Sequence[float],
-    end: Sequence[float],
+    start: ArrayLike,
+    end: ArrayLike,
     radius: float,
     *,
     edge: float = 0.004,
@@ -32,7 +34,7 @@ def rod(
     segments: int = _SEGMENTS,
 ) -> Manifold:
     """A round (or, with `end_radius`, conical) rod between two points with edges rounded by `edge`."""
-    axis = np.subtract(end, start)
+    axis = np.asarray(end, float) - np.asarray(start, float)
     length = float(np.linalg.norm(axis))
     top = radius if end_radius is None else end_radius
     edge = min(edge, 0.49 * length, 0.9 * radius, 0.9 * top)
@@ -42,16 +44,15 @@ def rod(
     return place(turned([(0, 0), *low, *high, (0, length)], segments), start, axis)
 
 
-def ball(centre: Sequence[float], radius: float, segments: int = _SEGMENTS) -> Manifold:
+def ball(centre: ArrayLike, radius: float, segments: int = _SEGMENTS) -> Manifold:
     """A sphere."""
-    return Manifold.sphere(radius, segments).translate(tuple(centre))
+    return Manifold.sphere(radius, segments).translate(tuple(np.asarray(centre, float)))
 
 
-def box(low: Sequence[float], high: Sequence[float], edge: float = 0.004) -> Manifold:
+def box(low: ArrayLike, high: ArrayLike, edge: float = 0.004) -> Manifold:
     """An axis-aligned box between two opposite corners, all its edges rounded by `edge`."""
-    low, high = np.asarray(low, float), np.asarray(high, float)
-    corners = np.stack(np.meshgrid(*np.stack([low + edge, high - edge], axis=1), indexing="ij"), axis=-1)
-    return hull(ball(corner, edge, 12) for corner in corners.reshape(-1, 3))
+    (x0, y0, z0), (x1, y1, z1) = np.asarray(low, float) + edge, np.asarray(high, float) - edge
+    return hull(ball((x, y, z), edge, 12) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1))
 
 
 def slab(outline_xz: Sequence[tuple[float, float]], half_width: float, edge: float = 0.004) -> Manifold:
@@ -70,7 +71,7 @@ def hull(solids: Iterable[Manifold]) -> Manifold:
 
 def chain(solids: Sequence[Manifold]) -> Manifold:
     """The union of the hulls of neighbouring solids: a casting that is led along a line of sections."""
-    return join(hull(pair) for pair in zip(solids[:-1], solids[1:], strict=True))
+    return join(hull(pair) for pair in pairwise(solids))
 
 
 def join(solids: Iterable[Manifold]) -> Manifold:
@@ -81,17 +82,16 @@ def join(solids: Iterable[Manifold]) -> Manifold:
     return total
 
 
-def place(solid: Manifold, origin: Sequence[float], z: Sequence[float]) -> Manifold:
+def place(solid: Manifold, origin: ArrayLike, z: ArrayLike) -> Manifold:
     """The solid with its z axis turned to `z` (its x stays level where it can) and moved to `origin`."""
-    direction = np.asarray(z, float) / np.linalg.norm(z)
+    direction = np.asarray(z, float)
+    direction = direction / np.linalg.norm(direction)
     x = np.array([1.0, 0, 0]) if abs(direction[0]) < 0.9 else np.array([0, 0, -1.0])
     rotation = axes_rotation(x, direction).as_matrix()
     return solid.transform(np.column_stack([rotation, np.asarray(origin, float)]))
 
 
-def bolt_circle(
-    origin: Sequence[float], z: Sequence[float], *, radius: float, count: int, bolt: float, height: float
-) -> Manifold:
+def bolt_circle(origin: ArrayLike, z: ArrayLike, *, radius: float, count: int, bolt: float, height: float) -> Manifold:
     """Hexagon bolt heads of half-width `bolt` on a circle about the axis `z` through `origin`."""
     head = Manifold.cylinder(height, bolt, -1.0, 6)
     turns = 2 * np.pi * (np.arange(count) + 0.5) / count
@@ -99,7 +99,7 @@ def bolt_circle(
     return place(heads, origin, z)
 
 
-def bezier(control: Sequence[Sequence[float]], count: int = 24) -> Float[np.ndarray, "n 3"]:
+def bezier(control: ArrayLike, count: int = 24) -> Float[np.ndarray, "n 3"]:
     """Points on the cubic Bezier curve of four control points."""
     t = np.linspace(0, 1, count)[:, None]
     a, b, c, d = np.asarray(control, float)

@@ -12,12 +12,12 @@ MATT_STEEL = Finish(rgba=(0.70, 0.70, 0.69, 1.0), specular=0.12, shininess=0.15)
 
 
 def sphere_stand(
-    radius_m: float, centre_height_m: float = 0.130, crank_m: float = 0.110, post_radius_m: float = 0.005
+    radius_m: float, centre_height_m: float = 0.130, crank_m: float = 0.085, post_radius_m: float = 0.005
 ) -> mujoco.MjSpec:
     """Body `sphere_stand` with the geom `standard_sphere` centred at its origin, z up.
 
     The foot stands `centre_height_m` below the centre and `crank_m` behind it (-x), so that the sphere can hang
-    over the edge of a part; the post leaves all of the sphere above 3/4 of a radius below its centre free.
+    over the edge of a part; straight ahead of the upper three quarters of its height nothing stands in the way.
     """
     if not (math.isfinite(radius_m) and radius_m > 0):
         raise BadGeometry(f"sphere: expected a positive radius, found {radius_m} m")
@@ -52,7 +52,7 @@ def sphere_stand(
 
 def _stand_pieces(radius_m: float, height_m: float, crank_m: float, post_m: float) -> list[Piece]:
     """Stem under the sphere, arm backwards, post and foot; each straight, so that its hull is itself."""
-    arm_z = -(radius_m + 7 * post_m)
+    arm_z = -(radius_m + 7.6 * post_m)
     foot = join(
         [
             rod((-crank_m, 0, -height_m), (-crank_m, 0, 0.018 - height_m), 0.030, edge=0.003),
@@ -60,13 +60,13 @@ def _stand_pieces(radius_m: float, height_m: float, crank_m: float, post_m: floa
         ]
     )
     stem = rod((0, 0, arm_z), (0, 0, -0.9 * radius_m), post_m, edge=0.001, segments=24)
-    post = rod((-crank_m, 0, 0.02 - height_m), (-crank_m, 0, arm_z + 2 * post_m), post_m, edge=0.001, segments=24)
+    post = rod((-crank_m, 0, 0.02 - height_m), (-crank_m, 0, arm_z), post_m, edge=0.001, segments=24)
     pieces = [
         Piece(name="sphere_foot", solid=foot, finish=DARK_GREY),
         Piece(name="sphere_stem", solid=stem, finish=BLACK),
     ]
     if crank_m > 0:
-        arm = rod((-crank_m - 2 * post_m, 0, arm_z), (post_m, 0, arm_z), post_m, edge=0.001, segments=24)
+        arm = rod((-crank_m - post_m, 0, arm_z), (post_m, 0, arm_z), post_m, edge=0.001, segments=24)
         pieces += [
             Piece(name="sphere_arm", solid=arm, finish=BLACK),
             Piece(name="sphere_post", solid=post, finish=BLACK),

@@ -2,8 +2,10 @@
 
 import mujoco
 import numpy as np
+from manifold3d import Manifold
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from weldcell.cell.errors import BadGeometry
 from weldcell.cell.frames import rigid_from
 from weldcell.models.mesh_body import (
     BLACK,
@@ -39,13 +41,16 @@ def build_torch(T_flange_torch: RigidTransform = T_FLANGE_TORCH, tip_radius_m: f
     The wire ends in the sphere geom `torch_tip` whose centre is the torch frame's origin. Wire and tip collide
     with nothing, since the tip is meant to touch.
     """
+    if not (np.isfinite(tip_radius_m) and tip_radius_m > 0):
+        raise BadGeometry(f"torch: expected a positive tip radius, found {tip_radius_m} m")
     spec = mujoco.MjSpec()
     spec.modelname = "torch"
     body = spec.worldbody.add_body(name="torch_body")
-    solid_pieces = _mount_pieces() + _neck_pieces(T_flange_torch)
+    solid_pieces = torch_pieces(T_flange_torch)
     add_pieces(spec, body, solid_pieces, group=GROUP_TORCH)
-    wire = Piece(name="torch_wire", solid=_at(T_flange_torch, rod((0, 0, -0.03), (0, 0, 0), 0.0005, edge=1e-4, segments=12)), finish=COPPER)
-    add_pieces(spec, body, [wire], group=GROUP_TORCH, mask=NO_MASK)
+    wire = _at(T_flange_torch, rod((0, 0, -0.03), (0, 0, 0), min(0.0005, tip_radius_m), edge=1e-4, segments=12))
+    wire_pieces = [Piece(name="torch_wire", solid=wire, finish=COPPER)]
+    add_pieces(spec, body, wire_pieces, group=GROUP_TORCH, mask=NO_MASK)
     tip_flange = T_flange_torch.translation
     body.add_geom(
         name="torch_tip",
@@ -63,9 +68,16 @@ def build_torch(T_flange_torch: RigidTransform = T_FLANGE_TORCH, tip_radius_m: f
     return spec
 
 
+def torch_pieces(T_flange_torch: RigidTransform = T_FLANGE_TORCH) -> list[Piece]:
+    """The coloured solids of the torch without its wire, in the flange frame."""
+    return _mount_pieces() + _neck_pieces(T_flange_torch)
+
+
 def _mount_pieces() -> list[Piece]:
     """Adapter, crash sensor and clamp, straight out of the flange."""
-    adapter = join([rod((0, 0, 0), (0, 0, 0.022), 0.038, edge=0.002), rod((0, 0, 0.02), (0, 0, 0.03), 0.030, edge=0.002)])
+    adapter = join(
+        [rod((0, 0, 0), (0, 0, 0.022), 0.038, edge=0.002), rod((0, 0, 0.02), (0, 0, 0.03), 0.030, edge=0.002)]
+    )
     crash_sensor = turned(
         [
             (0, 0.026), (0.036, 0.026), (0.041, 0.031), (0.041, 0.050), (0.034, 0.056), (0.034, 0.066),
@@ -117,5 +129,6 @@ def _neck_pieces(T_flange_torch: RigidTransform) -> list[Piece]:
     ]
 
 
-def _at(T_flange_torch: RigidTransform, solid):  # noqa: ANN001, ANN202
+def _at(T_flange_torch: RigidTransform, solid: Manifold) -> Manifold:
+    """The solid, given in the torch frame, in the flange frame."""
     return solid.transform(T_flange_torch.as_matrix()[:3])

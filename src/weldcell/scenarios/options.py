@@ -17,10 +17,11 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         settings.setdefault("formatter_class", _Help)
         super().__init__(allow_abbrev=False, **settings)
+        # Private, but there is no other way:
         self._negative_number_matcher = re.compile(r"^-(\d|\.\d)")  # Python's own knows no exponent before 3.14
 
     def error(self, message: str) -> NoReturn:
-        raise BadInput(message)
+        raise BadInput(f"{message} ({self.prog} --help shows what there is)")
 
 
 class _Help(argparse.HelpFormatter):
@@ -30,10 +31,7 @@ class _Help(argparse.HelpFormatter):
 
 def add_field_options(parser: argparse.ArgumentParser) -> None:
     """Adds an option for every field of the configuration, grouped by section."""
-    groups = {
-        name: parser.add_argument_group(name, description=meaning[:1].lower() + meaning[1:])
-        for name, meaning in sections().items()
-    }
+    groups = {name: parser.add_argument_group(f"{name}: {meaning.rstrip('.')}") for name, meaning in sections().items()}
     for field in fields():
         section, _, _ = field.path.rpartition(".")
         _add_option(groups.get(section, parser), field)
@@ -72,41 +70,11 @@ def normalised(arguments: Sequence[str]) -> list[str]:
 
 def option_strings(parser: argparse.ArgumentParser) -> Iterable[str]:
     """Every option that a parser knows."""
-    return parser._option_string_actions
+    return parser._option_string_actions  # private, but there is no other way
 
 
-def _add_option(group: Any, field: Field) -> None:
-    name = option_name(field.path)
-    explained = f"{field.meaning.rstrip('.')} (default: {shown_default(field)})".replace("%", "%%")
-    settings: dict[str, Any] = {"dest": _DESTINATION + field.path, "default": None, "help": explained}
-    if field.hint is bool:
-        group.add_argument(name, nargs="?", const="true", metavar="true|false", **settings)
-        group.add_argument("--no-" + name[2:], action="store_const", const="false", **settings | {"help": argparse.SUPPRESS})
-    elif _kind(field.hint) is Literal:
-        group.add_argument(name, metavar="|".join(get_args(field.hint)), **settings)
-    elif _kind(field.hint) is tuple:
-        first, *rest = get_args(field.hint)
-        many = rest == [...]
-        shape = ("X", "Y", "Z") if many or len(rest) == 2 else tuple(f"K{index + 1}" for index in range(1 + len(rest)))
-        nargs = "+" if many else len(shape)
-        group.add_argument(name, nargs=nargs, metavar=("X Y Z", "X Y Z") if many else shape, **settings)
-    else:
-        group.add_argument(name, metavar=field.unit.upper().replace(" ", "_") or "N", **settings)
-
-
-def _value(field: Field, text: str | list[str]) -> Any:
-    """What the words on the command line mean for this field; words that mean nothing stay, to be refused by name."""
-    if isinstance(text, str):
-        return _scalar(field.hint, text)
-    first, *rest = get_args(field.hint)
-    if rest != [...]:
-        return [_scalar(first, word) for word in text]
-    size = len(get_args(first))
-    numbers = [_scalar(get_args(first)[0], word) for word in text]
-    return [numbers[start : start + size] for start in range(0, len(numbers), size)]
-
-
-def _scalar(hint: Any, word: str) -> Any:
+def typed(hint: Any, word: str) -> Any:
+    """The value that a word stands for in a field of this type; a word that stands for none comes back as it is."""
     kind = _kind(hint)
     if kind is bool:
         return {"true": True, "false": False}.get(word.lower(), word)
@@ -117,6 +85,39 @@ def _scalar(hint: Any, word: str) -> Any:
         return int(number) if number.is_integer() and abs(number) < 1e15 else number
     except ValueError:
         return word
+
+
+def _add_option(group: Any, field: Field) -> None:
+    name = option_name(field.path)
+    explained = f"{field.meaning.rstrip('.')} (default: {shown_default(field)})".replace("%", "%%")
+    settings: dict[str, Any] = {"dest": _DESTINATION + field.path, "default": None, "help": explained}
+    if field.hint is bool:
+        opposite = f"--no-{name[2:]}"
+        settings["help"] = f"{explained}; {opposite} is false"
+        group.add_argument(name, nargs="?", const="true", metavar="true|false", **settings)
+        group.add_argument(opposite, action="store_const", const="false", **settings | {"help": argparse.SUPPRESS})
+    elif _kind(field.hint) is Literal:
+        group.add_argument(name, metavar="|".join(get_args(field.hint)), **settings)
+    elif _kind(field.hint) is tuple:
+        size = len(get_args(field.hint))
+        many = get_args(field.hint)[1] is ...
+        shape = ("X", "Y", "Z") if size == 3 else tuple(f"K{index + 1}" for index in range(size))
+        nargs = "+" if many else len(shape)
+        group.add_argument(name, nargs=nargs, metavar=("X Y Z", "X Y Z") if many else shape, **settings)
+    else:
+        group.add_argument(name, metavar="N" if " " in field.unit else field.unit.upper() or "N", **settings)
+
+
+def _value(field: Field, text: str | list[str]) -> Any:
+    """What the words on the command line mean for this field; words that mean nothing stay, to be refused by name."""
+    if isinstance(text, str):
+        return typed(field.hint, text)
+    first, *rest = get_args(field.hint)
+    if rest != [...]:
+        return [typed(first, word) for word in text]
+    size = len(get_args(first))
+    numbers = [typed(get_args(first)[0], word) for word in text]
+    return [numbers[start : start + size] for start in range(0, len(numbers), size)]
 
 
 def _kind(hint: Any) -> Any:

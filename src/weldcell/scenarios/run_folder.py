@@ -1,8 +1,8 @@
 """The folder of a run: its files appear when the run is done, and a finished run outlives any interruption.
 
 A run writes into `.unfinished` inside its folder. When all is whole, that is renamed to `.finished` (from this moment
-on the run counts), and its files move up, the former run's making way. Whoever comes after an interruption clears an
-`.unfinished` away and moves the rest of a `.finished` up. Other files in the folder are left alone.
+on the run counts), the former run's files are removed, and the new ones move up. Whoever comes after an interruption
+clears an `.unfinished` away, or does the rest of the moving. Other files in the folder are left alone.
 """
 
 import errno
@@ -16,13 +16,14 @@ from pathlib import Path
 from weldcell.cell.errors import BadInput
 
 RECORDING = "recording.rrd"
-METRICS = "metrics.json"  # moved last: the folder that has it is finished
+METRICS = "metrics.json"  # removed first and moved last: the folder that has it is finished
 CONFIG = "config.yaml"
 CALIBRATION = "calibration"
 
-_OWN = (CONFIG, CALIBRATION, RECORDING, METRICS)
+_OWN = (CONFIG, CALIBRATION, RECORDING, METRICS)  # in the order of moving; a run leaves nothing else
 _UNFINISHED = ".unfinished"
 _FINISHED = ".finished"
+_MOVING = ".moving"
 
 
 @contextmanager
@@ -32,10 +33,10 @@ def run_folder(place: Path, *, overwrite: bool = False) -> Iterator[Path]:
     try:
         lock = _lock(place)
         try:
-            _move_up(place)
-            _refuse_taken(place, overwrite)
             unfinished = place / _UNFINISHED
+            _move_up(place)
             _remove(unfinished)
+            _refuse_taken(place, overwrite)
             unfinished.mkdir()
             try:
                 yield unfinished
@@ -110,18 +111,20 @@ def _refuse_taken(place: Path, overwrite: bool) -> None:
 
 
 def _move_up(place: Path) -> None:
-    """Puts the files of a whole run in their place, this run's or that of an interrupted one."""
-    finished = place / _FINISHED
-    if not finished.is_dir():
-        return
-    if (finished / METRICS).exists():  # else only the last step is left
-        _remove(place / METRICS)  # a mixture must not look like a run
+    """Puts the files of a whole run in their place, this run's or those of an interrupted one.
+
+    Each step can be interrupted and done again: the former run's files go while none of the new ones has moved.
+    """
+    finished, moving = place / _FINISHED, place / _MOVING
+    if finished.is_dir():
+        for name in reversed(_OWN):
+            _remove(place / name)
+        finished.rename(moving)
+    if moving.is_dir():
         for name in _OWN:
-            # A file that has moved already is not in `finished` any more, and must stay.
-            if (finished / name).exists():
-                _remove(place / name)
-                (finished / name).rename(place / name)
-    _remove(finished)
+            if (moving / name).exists():
+                (moving / name).rename(place / name)
+        _remove(moving)
 
 
 def _remove(path: Path) -> None:

@@ -43,7 +43,9 @@ def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> 
 
 
 def _motion(station: Station, path: ScanPath) -> Motion:
-    poses = [_flange(station, point, heading) for point, heading in zip(path.points_base, path.headings_rad, strict=True)]
+    poses = [
+        _flange(station, point, heading) for point, heading in zip(path.points_base, path.headings_rad, strict=True)
+    ]
     for start_rad in station.controller.all_inverse(poses[0]):
         joints_rad = _followed(station, poses, start_rad)
         if joints_rad is not None:

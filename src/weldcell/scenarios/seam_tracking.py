@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import JobFailed
@@ -18,13 +18,18 @@ from weldcell.tracking.seam_fit import fit_seam
 
 FEATURES = ("left", "root", "right")
 
-_END_MARGIN_M = 0.015  # at the ends the section, square to the slanting path, would miss the plate's corners
+CROSSING_ABOVE_M = 0.010  # the light meets the camera's axis above the plate, and so the torch stays clear of it
+_END_MARGIN_M = 0.006  # at the ends the section, square to the slanting path, would miss the plate's corners
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedSeam:
     """A scanned seam."""
 
+    frames: Int[np.ndarray, "n"]
+    """Numbers of the pictures."""
+    times_s: Float[np.ndarray, "n"]
+    """When they were taken."""
     T_base_flange: RigidTransform
     """Stack of n reported flange poses, one a frame."""
     points_base: dict[str, Float[np.ndarray, "n 3"]]
@@ -36,35 +41,45 @@ class TrackedSeam:
 
 def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
     """Scans the plate and fits its seam; raises JobFailed if the seam was not found."""
+    station.begin("seam", "V-groove seam")
     station.place_plate()
-    T_base_flange, found = [], []
+    frames, times_s, T_base_flange, found = [], [], [], []
     previous: JointFeatures | None = None
     for sight in scan(station, taught_path(station), "seam"):
-        joint = find_joint(sight.profile, "v", station.belief.plane, previous)
+        joint = find_joint(sight.profile, "v", station.belief.plane, previous=previous)
         previous = joint if joint.valid else previous
-        station.logbook.joint(sight, joint, alignment.T_flange_camera)
+        station.log_sight(sight, alignment.T_flange_camera, joint)
+        frames.append(sight.frame)
+        times_s.append(sight.shot.time_s)
         T_base_flange.append(sight.shot.T_base_flange)
         found.append(joint)
     flanges = RigidTransform.concatenate(T_base_flange)
     T_base_camera = flanges * alignment.T_flange_camera
     points = np.stack([joint.points_camera for joint in found], axis=1)
     points_base = {name: T_base_camera.apply(points[k]) for k, name in enumerate(FEATURES)}
+    sigma_m = {name: np.array([joint.sigma_m[k] for joint in found]) for k, name in enumerate(FEATURES)}
     valid = np.array([joint.valid for joint in found])
     if valid.sum() < len(valid) / 2:
         raise JobFailed(f"seam: found in {valid.sum()} of {len(valid)} frames only; last reason: {found[-1].reason}")
     return TrackedSeam(
-        T_base_flange=flanges, points_base=points_base, valid=valid, seam=fit_seam(points_base, valid)
+        frames=np.array(frames),
+        times_s=np.array(times_s),
+        T_base_flange=flanges,
+        points_base=points_base,
+        valid=valid,
+        seam=_sampled(fit_seam(points_base, sigma_m=sigma_m), len(valid)),
     )
 
 
 def taught_path(station: Station) -> ScanPath:
     """The seam's centre line as drawn, on the plate as the controller was told it lies."""
-    config, plate = station.config.seam, station.parts.plate
-    T_base_part = station.planner.known_cell.T_base_part("plate")
-    line = plate.centre_line_part(config.frames, _END_MARGIN_M)
-    points_base = T_base_part.apply(line)
+    config, drawn = station.config.seam, station.parts.plate.seam_part
+    assert drawn is not None
+    arc_length_m = drawn.arc_length_m[[0, -1]] + [_END_MARGIN_M, -_END_MARGIN_M]
+    line_part = drawn.at("root", np.linspace(*arc_length_m, config.frames))
+    line_part[:, 2] = 1e-3 * config.thickness_mm + CROSSING_ABOVE_M
+    points_base = station.planner.known_cell.T_base_part("plate").apply(line_part)
     steps = np.gradient(points_base, axis=0)
-    points_base[:, 2] += station.scan_height_m
     return ScanPath(
         points_base=points_base,
         headings_rad=np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])),
@@ -74,23 +89,27 @@ def taught_path(station: Station) -> ScanPath:
 
 def seam_metrics(station: Station, tracked: TrackedSeam, alignment: Alignment) -> dict[str, float]:
     """Torch errors of the fitted seam against the exact one, over all frames."""
-    metrics: dict[str, float] = {
-        "frames_count": len(tracked.valid),
-        "frames_valid_count": int(tracked.valid.sum()),
-    }
     exact = exact_seam_base(station)
-    for name in FEATURES:
-        errors_m = distance_to_polyline(_tips_base(station, tracked, alignment, name), exact[name])
-        station.logbook.seam_errors(name, errors_m)
-        metrics[f"seam_{name}_mean_error_mm"] = 1e3 * float(errors_m.mean())
-        metrics[f"seam_{name}_max_error_mm"] = 1e3 * float(errors_m.max())
+    errors_mm = {
+        name: 1e3 * distance_to_polyline(_tips_base(station, tracked, alignment, name), exact[name])
+        for name in FEATURES
+    }
+    now = {"frame": station.frame, "time_s": station.time_s}
+    station.recording.log_lines("true", exact, **now)
+    station.recording.log_lines("measured", tracked.seam.points, **now)
+    station.recording.log_errors(tracked.frames, tracked.times_s, errors_mm)
+    metrics = {"frames_count": float(len(tracked.valid)), "frames_valid_count": float(tracked.valid.sum())}
+    for name, errors in errors_mm.items():
+        metrics[f"seam_{name}_mean_error_mm"] = float(errors.mean())
+        metrics[f"seam_{name}_max_error_mm"] = float(errors.max())
     return metrics
 
 
 def exact_seam_base(station: Station) -> dict[str, Float[np.ndarray, "m 3"]]:
     """The exact feature lines where the plate actually lies."""
-    T_base_part = station.cell.T_base_part("plate")
-    return {name: T_base_part.apply(line) for name, line in station.parts.plate.seam.points.items()}
+    T_base_part, seam_part = station.cell.T_base_part("plate"), station.parts.plate.seam_part
+    assert seam_part is not None
+    return {name: T_base_part.apply(line) for name, line in seam_part.points.items()}
 
 
 def _tips_base(station: Station, tracked: TrackedSeam, alignment: Alignment, name: str) -> Float[np.ndarray, "n 3"]:
@@ -101,3 +120,9 @@ def _tips_base(station: Station, tracked: TrackedSeam, alignment: Alignment, nam
         rotation = tracked.T_base_flange[index].rotation
         tips.append(station.send_torch(point_base, rotation, alignment.tip_flange, rng))
     return np.array(tips)
+
+
+def _sampled(seam: Seam, count: int) -> Seam:
+    """The seam at this many even steps of its arc length."""
+    arc_length_m = np.linspace(seam.arc_length_m[0], seam.arc_length_m[-1], count)
+    return Seam(arc_length_m=arc_length_m, points={name: seam.at(name, arc_length_m) for name in seam.points})

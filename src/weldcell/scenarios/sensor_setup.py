@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.calib import compensation, hand_eye, touches
 from weldcell.cell.errors import JobFailed
 from weldcell.cell.frames import difference
-from weldcell.scenarios.sphere_sights import SphereSight, plan_free, plan_translations, take_sights
+from weldcell.scenarios.sphere_sights import CALIBRATING, SphereSight, plan_free, plan_translations, take_sights
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.touching import touch_sphere
 from weldcell.scenarios.verification import Alignment
@@ -45,14 +45,16 @@ class SensorSetup:
 def set_up_sensor(station: Station) -> SensorSetup:
     """Ten translations and ten free views of the sphere, sixty touches, and the two solutions."""
     plan = station.config.calibration
+    station.begin("calibration", "Calibration on the sphere")
     station.place_sphere(station.sphere_known_base, stage="calibrate")
+    drawn = station.drawing_T_flange_camera
     postures = plan_translations(station, station.sphere_known_base, plan.translations)
-    sights = take_sights(station, postures, "translations", "calibrate: translations")
+    sights = take_sights(station, postures, drawn, "translations", "sphere: translations")
     translations = len(sights)
-    postures = plan_free(station, station.sphere_known_base, plan.free_poses, "free poses")
-    sights += take_sights(station, postures, "free poses", "calibrate: free poses")
+    postures = plan_free(station, station.sphere_known_base, plan.free_poses, CALIBRATING, "free poses")
+    sights += take_sights(station, postures, drawn, "free poses", "sphere: free poses")
     first = _first_solution(sights, translations)
-    touched = _touch(station, first.target_base)
+    touched = _touch(station, first.target_base, _flanges(sights[translations - 1 :]).rotation)
     compensated = _compensate(sights, touched, first)
     return SensorSetup(
         first=first,
@@ -76,9 +78,10 @@ def _first_solution(sights: list[SphereSight], translations: int) -> hand_eye.Ha
     return result
 
 
-def _touch(station: Station, target_base: Float[np.ndarray, "3"]) -> touches.TouchResult:
+def _touch(station: Station, target_base: Float[np.ndarray, "3"], orientations: Rotation) -> touches.TouchResult:
     plan = station.config.calibration
-    T_base_flange = touch_sphere(station, target_base, plan.touches)
+    station.begin("touches", "Touches with the torch")
+    T_base_flange = touch_sphere(station, target_base, orientations, plan.touches)
     result = touches.solve(
         touches.TouchProblem(
             T_base_flange=T_base_flange,
@@ -89,7 +92,6 @@ def _touch(station: Station, target_base: Float[np.ndarray, "3"]) -> touches.Tou
         )
     )
     _require(result.verdict, result.reasons, "touches")
-    station.logbook.touches(T_base_flange.apply(result.tip_flange), result.centre_base)
     return result
 
 

@@ -64,7 +64,7 @@ class Field:
         except ValidationError:
             unit = f" ({self.unit})" if self.unit else ""
             raise BadInput(
-                f"{where}: found {_shown(value)}, expected {self.expected}{unit}{_number_hint(self.hint, value)}"
+                f"{where}: found {_shown(value)}, expected {self.expected}{unit}{_number_hint(self.expected, value)}"
             ) from None
 
 
@@ -90,7 +90,7 @@ def resolve(
     """The settings of a run of `scenario`: defaults < `file` < `seed` and `options` (value by field, e.g. robot)."""
     known = {field.path: field for field in fields()}
     values: dict[str, Any] = {}
-    file_seed: object = _SEED.default
+    file_seed = _SEED.default
     if file is not None:
         mapping = read_yaml(file)
         _check_scenario(file, mapping.pop("scenario", scenario), scenario)
@@ -114,9 +114,7 @@ def fields() -> tuple[Field, ...]:
 def sections() -> dict[str, str]:
     """What each part of the configuration is about, by its name."""
     meanings = _meanings(CellConfig)
-    return {
-        name: meanings[name] for name, hint in get_type_hints(CellConfig).items() if dataclasses.is_dataclass(hint)
-    }
+    return {name: meanings[name] for name, hint in get_type_hints(CellConfig).items() if dataclasses.is_dataclass(hint)}
 
 
 def option_name(path: str) -> str:
@@ -133,7 +131,9 @@ def shown_default(field: Field) -> str:
 def _as_words(value: object) -> list[str]:
     if isinstance(value, tuple):
         return [word for item in value for word in _as_words(item)]
-    return [str(value).lower() if isinstance(value, bool) else f"{value:.10g}" if isinstance(value, float) else str(value)]
+    return [
+        str(value).lower() if isinstance(value, bool) else f"{value:.10g}" if isinstance(value, float) else str(value)
+    ]
 
 
 def _fields_of(section: Any, prefix: str) -> Iterator[Field]:
@@ -174,7 +174,9 @@ def _from_mapping(
         if path in known:
             yield path, known[path].check(value, f"{file}: {path}")
         elif name not in names:
-            raise BadInput(f"{file}: {_shown_key(path)}: no such field{did_you_mean(path, [prefix + n for n in names])}")
+            raise BadInput(
+                f"{file}: {_shown_key(path)}: no such field{did_you_mean(path, [prefix + n for n in names])}"
+            )
         elif not isinstance(value, dict):
             raise BadInput(f"{file}: {path}: found {_shown(value)}, expected a mapping of fields")
         else:
@@ -203,29 +205,30 @@ def _expected(hint: Any) -> str:
         item, *rest = get_args(kind)
         return f"a list, each entry {_expected(item)}" if rest == [...] else f"{1 + len(rest)} times {_expected(item)}"
     number = "a whole number" if kind is int else "a number"
-    return " ".join([number, " and ".join(_bound(bound) for bound in bounds)]).strip()
+    return " ".join([number, " to ".join(_bound(bound) for bound in bounds)]).strip()
 
 
 def _bound(bound: object) -> str:
     match bound:
         case Gt(gt=limit):
-            return f"above {limit}"
+            return f"above {limit:.10g}, up"
         case Ge(ge=limit):
-            return f"at least {limit}"
+            return f"from {limit:.10g}"
         case Le(le=limit):
-            return f"at most {limit}"
+            return f"{limit:.10g}"
     raise TypeError(f"unknown bound {bound!r}")
 
 
-def _number_hint(hint: Any, value: object) -> str:
+def _number_hint(expected: str, value: object) -> str:
     """How to write a number that YAML takes for text, e.g. 1e3."""
-    if not isinstance(value, str) or str in (hint, get_origin(hint)):
+    if not isinstance(value, str) or "number" not in expected:
         return ""
     try:
         number = float(value)
     except ValueError:
         return ""
-    return f"; this is text to YAML, write {number!r}" if abs(number) < 1e6 and "number" in _expected(hint) else ""
+    whole = "whole" in expected and number.is_integer()
+    return f"; this is text to YAML, write {int(number) if whole else number}" if abs(number) < 1e6 else ""
 
 
 def _shown(value: object) -> str:

@@ -15,14 +15,27 @@ from weldcell.cell.randomness import generator
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
 
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """How far orientations vary about the working one (torch down, travelling along the seam)."""
+
+    tilt_rad: float
+    """Largest lean from the vertical, in any direction."""
+    turn_rad: float
+    """Largest turn about the vertical, to either side."""
+
+
 SIDE = 1
 """The sphere's centre lies beyond the light plane, seen from the camera: the lit arc faces the camera."""
 
 _ACROSS_M = 0.024  # the sphere's centre from the picture's middle, to either side
 _DEPTH_M = 0.024  # and from the working distance along the light
 _OFF_PLANE = (0.40, 0.70)  # |y| over the radius: above 1/4 sigma_y is sound; the mount may be 2 to 3 mm off the drawing
-_TILT_RAD = np.radians(25)
-_TURN_RAD = np.radians(60)
+CALIBRATING = Spread(tilt_rad=np.radians(25), turn_rad=np.radians(40))
+"""Wide enough to tell rotation from translation."""
+WORKING = Spread(tilt_rad=np.radians(15), turn_rad=np.radians(30))
+"""As far as a torch leans and turns from its course along a seam."""
+
 _CANDIDATES_PER_POSE = 8
 _ATTEMPTS_PER_CANDIDATE = 20
 
@@ -50,23 +63,32 @@ def plan_translations(station: Station, centre_base: Float[np.ndarray, "3"], cou
     return _choose(station, candidates, count, translation_candidates)
 
 
-def plan_free(station: Station, centre_base: Float[np.ndarray, "3"], count: int, stage: str) -> list[np.ndarray]:
+def plan_free(
+    station: Station, centre_base: Float[np.ndarray, "3"], count: int, spread: Spread, stage: str
+) -> list[np.ndarray]:
     """Postures with varied orientations that see the sphere; all six joints move."""
     rng = generator(station.seed, f"plan/{stage}")
 
     def orientation() -> Rotation:
-        heading_rad = station.heading_rad + rng.uniform(-_TURN_RAD, _TURN_RAD)
-        return torch_rotation(heading_rad, rng.uniform(0, _TILT_RAD), rng.uniform(0, 2 * np.pi))
+        heading_rad = station.heading_rad + spread.turn_rad * rng.uniform(-1, 1)
+        return torch_rotation(heading_rad, spread.tilt_rad * rng.uniform(), rng.uniform(0, 2 * np.pi))
 
     return _choose(station, _candidates(station, centre_base, count, rng, orientation), count, sight_candidates)
 
 
 def take_sights(
-    station: Station, postures: Sequence[Float[np.ndarray, "6"]], stage: str, note: str
+    station: Station,
+    postures: Sequence[Float[np.ndarray, "6"]],
+    T_flange_camera: RigidTransform,
+    stage: str,
+    title: str,
 ) -> list[SphereSight]:
-    """The views from these postures, in turn; views in which no sphere was found are left out."""
+    """The views from these postures, in turn; views in which no sphere was found are left out.
+
+    `T_flange_camera` places the profiles in the recording, nothing more.
+    """
     sights = []
-    for index, joints_rad in enumerate(station.progress.track(postures, note)):
+    for index, joints_rad in enumerate(station.progress.track(postures, title)):
         station.go(joints_rad)
         sight = station.see(stage, index)
         centre = solve_sphere_sight(
@@ -78,9 +100,11 @@ def take_sights(
                 side=SIDE,
             )
         )
-        station.logbook.sphere_sight(stage, sight, centre)
-        if centre.valid:
-            sights.append(SphereSight(T_base_flange=sight.shot.T_base_flange, centre=centre))
+        station.log_sight(sight, T_flange_camera)
+        if not centre.valid:
+            station.note(f"{stage}, view {index + 1}: no sphere, {centre.reason}")
+            continue
+        sights.append(SphereSight(T_base_flange=sight.shot.T_base_flange, centre=centre))
     return sights
 
 
@@ -129,7 +153,7 @@ def _candidate(
         joints_rad = station.controller.inverse(T_base_flange, station.planner.home_rad)
     except OutOfReach:
         return None
-    if not station.planner.free(joints_rad):
+    if not station.planner.working(joints_rad):
         return None
     return _Candidate(joints_rad=joints_rad, T_base_flange=T_base_flange, centre_camera=centre_camera)
 

@@ -1,4 +1,4 @@
-"""The cell at work: the actual world, what its controller believes, the clock and the logbook."""
+"""The cell at work: the actual world, what its controller believes, the clock and the recording."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from weldcell.cell.configuration import CellConfig
 from weldcell.cell.frames import rigid_from, translation
 from weldcell.cell.optics import CameraModel, LaserPlane
-from weldcell.cell.profile import Profile, Shot, Stripe
+from weldcell.cell.profile import JointFeatures, Profile, Shot, Stripe
 from weldcell.cell.randomness import generator
 from weldcell.cell.world.motion import MotionPlanner
 from weldcell.cell.world.robot_error import BUDGETS, RobotError, draw_error
@@ -22,8 +22,8 @@ from weldcell.cell.world.scene import (
     build_controller,
     build_parts,
 )
-from weldcell.scenarios.logbook import Logbook
 from weldcell.scenarios.progress import Progress
+from weldcell.scenarios.recording import Recording
 from weldcell.scenarios.torch_poses import flange_at
 from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
 from weldcell.sensor_sim.line_sensor import LineSensor
@@ -55,8 +55,8 @@ class Sight:
 class Station:
     """A cell, its sensor and its controller, and what has been done with them so far."""
 
-    def __init__(self, config: CellConfig, seed: int, logbook: Logbook, progress: Progress) -> None:
-        self.config, self.seed, self.logbook, self.progress = config, seed, logbook, progress
+    def __init__(self, config: CellConfig, seed: int, recording: Recording, progress: Progress) -> None:
+        self.config, self.seed, self.recording, self.progress = config, seed, recording, progress
         self.parts = build_parts(config)
         error = draw_error(BUDGETS[config.robot], generator(seed, "robot"))
         camera, plane = nominal_camera(config.sensor), nominal_plane(config.sensor)
@@ -76,6 +76,8 @@ class Station:
         self.crossing_flange = DRAWN_T_FLANGE_CAMERA.apply([0, 0, 1e-3 * config.sensor.working_distance_mm])
         self.heading_rad = float(np.radians(config.seam.yaw_deg))
         self.sphere_known_base = 1e-3 * np.array(config.calibration.sphere_position_mm)
+        self.recording.log_cell(self.cell.model)
+        self.recording.log_sensor(camera=camera, plane=plane, fan_rad=float(np.radians(config.sensor.laser_fan_deg)))
 
     def __enter__(self) -> "Station":
         return self
@@ -109,7 +111,7 @@ class Station:
         """The arm is at these readings at this time, on a motion that is known to be free."""
         self.joints_rad, self.time_s = np.asarray(joints_rad, float), time_s
         self.cell.take(self.joints_rad)
-        self.logbook.pose(self.frame, self.time_s, self.cell)
+        self.recording.log_pose(self.frame, self.time_s, self.cell.data)
 
     def see(self, stage: str, index: int) -> Sight:
         """One picture from where the arm stands, with its profile."""
@@ -123,9 +125,30 @@ class Station:
             stripe=stripe,
             profile=triangulate(stripe, self.belief.camera, self.belief.plane),
         )
-        self.logbook.pose(self.frame, self.time_s, self.cell)
+        self.recording.log_pose(self.frame, self.time_s, self.cell.data)
         self.frame += 1
         return sight
+
+    def log_sight(
+        self, sight: Sight, T_flange_camera: RigidTransform, joint: JointFeatures | None = None
+    ) -> None:
+        """Records a picture, its profile placed by a hand-eye transform, and what was found in it."""
+        self.recording.log_shot(
+            sight.frame,
+            sight.shot,
+            T_base_camera=sight.shot.T_base_flange * T_flange_camera,
+            stripe=sight.stripe,
+            profile=sight.profile,
+            joint=joint,
+        )
+
+    def note(self, text: str) -> None:
+        """Something worth a look happened."""
+        self.recording.log_event(text, frame=self.frame, time_s=self.time_s, warning=True)
+
+    def begin(self, stage: str, title: str) -> None:
+        """A new stage of the work begins."""
+        self.recording.begin_stage(stage, title, frame=self.frame, time_s=self.time_s)
 
     def send_torch(
         self,
@@ -150,7 +173,8 @@ class Station:
         rng = generator(self.seed, f"{part}/place")
         T_base_part = rigid_from(Rotation.from_euler("Z", yaw_deg, degrees=True), 1e-3 * np.array(position_mm))
         off = rigid_from(
-            Rotation.from_euler("Z", rng.normal() * off_deg, degrees=True), 1e-3 * off_mm * np.append(rng.normal(size=2), 0)
+            Rotation.from_euler("Z", rng.normal() * off_deg, degrees=True),
+            1e-3 * off_mm * np.append(rng.normal(size=2), 0),
         )
         self._place(part, T_base_part, off)
 
@@ -161,7 +185,7 @@ class Station:
         for cell, T in ((self.planner.known_cell, T_base_part), (self.cell, T_base_part * misplacement)):
             for other, T_base_shelf in SHELF.items():
                 cell.place(other, T if other == part else T_base_shelf)
-        self.logbook.placed(part, self.frame, self.time_s)
+        self.recording.log_pose(self.frame, self.time_s, self.cell.data)
 
 
 def believed_sensor(camera: CameraModel, plane: LaserPlane, error: RobotError) -> SensorBelief:

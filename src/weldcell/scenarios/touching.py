@@ -10,27 +10,29 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from weldcell.cell.errors import JobFailed, OutOfReach
 from weldcell.cell.randomness import generator
 from weldcell.scenarios.station import Station
-from weldcell.scenarios.torch_poses import flange_at, torch_rotation
+from weldcell.scenarios.torch_poses import flange_at
 
 _STANDOFF_M = 0.020  # where the approach starts, from the sphere's surface
 _OVERTRAVEL_M = 0.010  # an approach that meets nothing is given up this far inside the known surface
-_TILT_RAD = np.radians(35)  # largest lean of the torch from the vertical
-_TURN_RAD = np.radians(70)  # largest turn about the vertical from the working direction
-_OFF_AXIS_RAD = np.radians(50)  # between the approach and the torch's axis: beyond it the nozzle would touch first
+_OFF_AXIS_RAD = np.radians(60)  # between the approach and the torch's axis: beyond it the nozzle would touch first
 _LOWEST_RAD = np.radians(85)  # polar angle of the touched place: below it the post is near
-_ATTEMPTS = 60  # for each touch, over directions, leans and turns
+_ATTEMPTS = 200  # directions tried for each touch
 _APPROACH_M_S = 0.02
 _CONTACT_M = 1e-9  # how closely the contact is resolved
 
 
-def touch_sphere(station: Station, centre_base: Float[np.ndarray, "3"], count: int) -> RigidTransform:
+def touch_sphere(
+    station: Station, centre_base: Float[np.ndarray, "3"], orientations: Rotation, count: int
+) -> RigidTransform:
     """The flange poses (a stack) that the controller reports at touches all round the upper sphere.
 
-    `centre_base` is where the sphere is believed to stand.
+    `centre_base` is where the sphere is believed to stand. The flange takes the `orientations` (R_base_flange, a
+    stack) in turn: those in which the sensor saw the sphere, so that the robot errs alike in sights and touches.
     """
     poses = []
     for index in station.progress.track(range(count), "touch the sphere"):
-        approach = _approach(station, centre_base, generator(station.seed, "touch/plan", index))
+        rng = generator(station.seed, "touch/plan", index)
+        approach = _approach(station, centre_base, orientations[index % len(orientations)], rng)
         poses.append(_touch(station, approach, index))
     return RigidTransform.concatenate(poses)
 
@@ -49,26 +51,26 @@ class _Approach:
         return flange_at(tip_base, self.rotation_base_flange, station.tip_nominal_flange)
 
 
-def _approach(station: Station, centre_base: Float[np.ndarray, "3"], rng: np.random.Generator) -> _Approach:
+def _approach(
+    station: Station, centre_base: Float[np.ndarray, "3"], rotation: Rotation, rng: np.random.Generator
+) -> _Approach:
     radius_m = station.parts.sphere_radius_m + station.parts.tip_radius_m
+    wire_base = (rotation * station.rotation_flange_torch).apply([0, 0, 1])
     for _ in range(_ATTEMPTS):
-        heading_rad = station.heading_rad + rng.uniform(-_TURN_RAD, _TURN_RAD)
-        rotation = torch_rotation(heading_rad, rng.uniform(0, _TILT_RAD), rng.uniform(0, 2 * np.pi))
         outward = _outward(rng)
-        if outward @ -rotation.as_matrix()[:, 2] < np.cos(_OFF_AXIS_RAD):
+        if outward @ -wire_base < np.cos(_OFF_AXIS_RAD):
             continue
         start_base = centre_base + (radius_m + _STANDOFF_M) * outward
-        rotation_base_flange = rotation * station.rotation_flange_torch.inv()
-        T_base_flange = flange_at(start_base, rotation_base_flange, station.tip_nominal_flange)
+        T_base_flange = flange_at(start_base, rotation, station.tip_nominal_flange)
         try:
             joints_rad = station.controller.inverse(T_base_flange, station.planner.home_rad)
         except OutOfReach:
             continue
-        if station.planner.free(joints_rad):
+        if station.planner.working(joints_rad):
             return _Approach(
                 start_base=start_base,
                 direction_base=-outward,
-                rotation_base_flange=rotation_base_flange,
+                rotation_base_flange=rotation,
                 joints_rad=joints_rad,
             )
     raise JobFailed("touches: no approach to the sphere was found that is in reach and clear of the parts")
@@ -97,6 +99,7 @@ def _touch(station: Station, approach: _Approach, index: int) -> RigidTransform:
     if gap_m(0.0) <= 0 or gap_m(reach_m) >= 0:
         raise JobFailed(f"touch {index}: the torch met no sphere where it is believed to stand")
     joints_rad = readings(brentq(gap_m, 0.0, reach_m, xtol=_CONTACT_M))
-    for readings_rad in (joints_rad, approach.joints_rad):
-        station.stand_at(readings_rad, station.time_s + _STANDOFF_M / _APPROACH_M_S)
+    station.stand_at(joints_rad, station.time_s + _STANDOFF_M / _APPROACH_M_S)
+    station.recording.log_touch(station.cell.tip_base, frame=station.frame, time_s=station.time_s)
+    station.stand_at(approach.joints_rad, station.time_s + _STANDOFF_M / _APPROACH_M_S)
     return station.controller.forward(joints_rad)

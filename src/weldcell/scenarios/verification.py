@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
+from weldcell.cell.errors import JobFailed
 from weldcell.cell.randomness import generator
-from weldcell.scenarios.sphere_sights import SphereSight, plan_free, take_sights
+from weldcell.scenarios.sphere_sights import WORKING, SphereSight, plan_free, take_sights
 from weldcell.scenarios.station import Station
 
 
@@ -32,25 +33,62 @@ class PointCheck:
     """The viewpoints in which it was found."""
 
 
-def visit_point(station: Station, name: str, offset_m: Float[np.ndarray, "3"]) -> PointCheck:
+def visit_point(station: Station, name: str, offset_m: Float[np.ndarray, "3"], alignment: Alignment) -> PointCheck:
     """The standard sphere put at an offset from its place, and seen from the configured number of viewpoints.
 
     The point is the sphere's centre: a target whose place is exact and that no light plane can miss.
     """
     known_base = station.sphere_known_base + offset_m
     station.place_sphere(known_base, stage=name)
-    postures = plan_free(station, known_base, station.config.calibration.viewpoints, name)
-    sights = take_sights(station, postures, name, f"verify {name.replace('_', ' ')}")
+    postures = plan_free(station, known_base, station.config.calibration.viewpoints, WORKING, name)
+    title = f"verify {name.replace('_', ' ')}"
+    sights = take_sights(station, postures, alignment.T_flange_camera, name, title)
+    if not sights:
+        raise JobFailed(f"verification: {name} was not found in any of {len(postures)} views")
     return PointCheck(name=name, point_base=station.cell.T_base_part("sphere").translation, sights=sights)
 
 
-def torch_errors_m(station: Station, check: PointCheck, alignment: Alignment) -> Float[np.ndarray, "n"]:
-    """The miss of the actual tip for each viewpoint, the flange keeping the orientation of the view."""
-    errors = []
+def tips_base(station: Station, check: PointCheck, alignment: Alignment) -> Float[np.ndarray, "n 3"]:
+    """Where the actual tip goes for each viewpoint, the flange keeping the orientation of the view (m)."""
+    tips = []
     for index, seen in enumerate(check.sights):
-        T_base_flange = seen.T_base_flange
-        point_base = (T_base_flange * alignment.T_flange_camera).apply(seen.centre.centre_camera)
+        point_base = (seen.T_base_flange * alignment.T_flange_camera).apply(seen.centre.centre_camera)
         rng = generator(station.seed, f"{check.name}/send", index)
-        tip_base = station.send_torch(point_base, T_base_flange.rotation, alignment.tip_flange, rng)
-        errors.append(np.linalg.norm(tip_base - check.point_base))
-    return np.array(errors)
+        tips.append(station.send_torch(point_base, seen.T_base_flange.rotation, alignment.tip_flange, rng))
+    return np.array(tips)
+
+
+def verify(station: Station, before: Alignment, after: Alignment) -> dict[str, float]:
+    """Mean torch errors (mm) at the points near the sphere and over those far from it, before and after."""
+    plan = station.config.calibration
+    station.begin("verification", "Verification at points")
+    metrics: dict[str, float] = {}
+    for where, offsets_mm in (("point", plan.near_points_mm), ("far", plan.far_points_mm)):
+        checks = [
+            visit_point(station, f"{where}_{k + 1}", 1e-3 * np.array(offset_mm), after)
+            for k, offset_mm in enumerate(offsets_mm)
+        ]
+        errors = {"before": _errors_mm(station, checks, before), "after": _errors_mm(station, checks, after)}
+        if where == "far":
+            metrics |= {f"far_error_{when}_mm": float(np.concatenate(e).mean()) for when, e in errors.items() if e}
+        else:
+            for k in range(len(checks)):
+                metrics |= {f"point_{k + 1}_error_{when}_mm": float(e[k].mean()) for when, e in errors.items()}
+        _record(station, checks, {"before": before, "after": after})
+    return metrics
+
+
+def _errors_mm(station: Station, checks: list[PointCheck], alignment: Alignment) -> list[Float[np.ndarray, "n"]]:
+    return [
+        1e3 * np.linalg.norm(tips_base(station, check, alignment) - check.point_base, axis=1) for check in checks
+    ]
+
+
+def _record(station: Station, checks: list[PointCheck], alignments: dict[str, Alignment]) -> None:
+    tips = {
+        when: {check.name: tips_base(station, check, alignment) for check in checks}
+        for when, alignment in alignments.items()
+    }
+    exact = {check.name: check.point_base for check in checks}
+    if exact:
+        station.recording.log_points(exact, tips, frame=station.frame, time_s=station.time_s)

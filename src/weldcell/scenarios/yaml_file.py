@@ -19,13 +19,15 @@ _MAX_DEPTH = 8  # a whole configuration has 4
 class _PlainLoader(yaml.SafeLoader):
     """YAML 1.2's booleans and decimal numbers; everything else is text (no `yes`, no octal, no dates, no `1:30`)."""
 
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
+    yaml_implicit_resolvers = {}  # noqa: RUF012 - add_implicit_resolver fills it below
 
 
 class _PlainDumper(yaml.SafeDumper):
     """A field a line; lists of plain values stay on one line; no anchors for lists that occur twice."""
 
-    def represent_sequence(self, tag: str, sequence: Iterable[Any], flow_style: bool | None = None) -> yaml.SequenceNode:
+    def represent_sequence(
+        self, tag: str, sequence: Iterable[Any], flow_style: bool | None = None
+    ) -> yaml.SequenceNode:
         flow_style = not any(isinstance(item, list | dict) for item in sequence)
         return super().represent_sequence(tag, sequence, flow_style=flow_style)
 
@@ -93,11 +95,11 @@ def _refuse_traps(path: Path, text: str) -> None:
     """Refuses tags, anchors, aliases, deep nesting and further documents before any value is built."""
     depth = documents = 0
     for event in yaml.parse(text, Loader=_PlainLoader):
-        where = f"{path}: line {event.start_mark.line + 1}"
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+        where = f"{path}: line {event.start_mark.line + 1 if event.start_mark else '?'}"
+        if getattr(event, "anchor", None):  # an alias has one too
             raise BadInput(f"{where}: found an anchor or alias, expected plain values")
-        if getattr(event, "tag", None):
-            raise BadInput(f"{where}: found the tag {event.tag!r}, expected plain values")
+        if tag := getattr(event, "tag", None):
+            raise BadInput(f"{where}: found the tag {tag!r}, expected plain values")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         documents += isinstance(event, yaml.DocumentStartEvent)
         if depth > _MAX_DEPTH:

@@ -6,6 +6,9 @@ The view is set in MuJoCo's drawn scene, not in the model: the model needs no ca
 actual camera can differ from anything that was compiled.
 """
 
+import os
+import sys
+import weakref
 from types import TracebackType
 from typing import Self
 
@@ -13,13 +16,16 @@ import cv2
 import mujoco
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import BadGeometry, NotReady
 from weldcell.cell.optics import CameraModel
 
 _NEAR_M, _FAR_M = 0.01, 20.0
+_KNOT_SPACING_PX = 16  # of the lens's map; cubic splines between are right to 1e-6 px
 _HEAD_GROUP = 3
+_MOST_GEOMS = 10_000  # mujoco.Renderer's own limit
 _LARGEST_PX = 16_384  # what OpenGL drivers offer; a picture this large means a distortion gone wild
 
 GRAPHICS_HELP = (
@@ -39,11 +45,16 @@ class AmbientRenderer:
         self._model = model
         self._white_grey = white_grey
         self._pinhole, self._warp = _lens(camera)
-        self._renderer = _open_renderer(model, self._pinhole.width_px, self._pinhole.height_px)
+        self._scene = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[flag] = 0
         self._options = mujoco.MjvOption()
         self._options.geomgroup[_HEAD_GROUP] = 0
-        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-            self._renderer.scene.flags[flag] = 0
+        self._rgb = np.empty((self._pinhole.height_px, self._pinhole.width_px, 3), np.uint8)
+        graphics = _open_graphics(model, self._pinhole.width_px, self._pinhole.height_px)
+        self._gl_context, self._buffers = graphics
+        self._finalizer = weakref.finalize(self, _close_graphics, *graphics)
+        self._finalizer.atexit = False  # at exit the driver may be gone already; the process frees all
 
     def __enter__(self) -> Self:
         return self
@@ -55,22 +66,24 @@ class AmbientRenderer:
 
     def close(self) -> None:
         """Free the graphics memory; a second call does nothing."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._finalizer()
 
     def render(self, data: mujoco.MjData, T_base_camera: RigidTransform) -> Float[np.ndarray, "height width"]:
         """Grey levels (float32) of the scene seen from `T_base_camera`, distorted by the lens.
 
         `data` needs up-to-date kinematics, and lights (mj_camlight) if the model has lights of its own.
         """
-        if self._renderer is None:
+        if not self._finalizer.alive:
             raise NotReady("ambient picture: the renderer is closed")
-        x_base, down_base, forward_base = T_base_camera.rotation.as_matrix().T
+        _, down_base, forward_base = T_base_camera.rotation.as_matrix().T
         self._look(data, T_base_camera.translation, forward_base, -down_base)
-        grey = cv2.cvtColor(self._renderer.render(), cv2.COLOR_RGB2GRAY)
+        self._gl_context.make_current()
+        whole = mujoco.MjrRect(0, 0, self._pinhole.width_px, self._pinhole.height_px)
+        mujoco.mjr_render(whole, self._scene, self._buffers)
+        mujoco.mjr_readPixels(self._rgb, None, whole, self._buffers)
+        grey = cv2.cvtColor(self._rgb, cv2.COLOR_RGB2GRAY)
         distorted = cv2.remap(grey, *self._warp, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return distorted.astype(np.float32) * np.float32(self._white_grey / 255)
+        return distorted * np.float32(self._white_grey / 255)
 
     def _look(
         self,
@@ -79,7 +92,7 @@ class AmbientRenderer:
         forward_base: Float[np.ndarray, "3"],
         up_base: Float[np.ndarray, "3"],
     ) -> None:
-        """Put the drawn scene's view at the camera.
+        """Draw the scene with the view at the camera.
 
         A free camera first, which places the headlight and endless planes; it cannot roll or look off-centre, so the
         exact view replaces it.
@@ -90,13 +103,14 @@ class AmbientRenderer:
         free.lookat = centre_base + forward_base
         free.azimuth = np.rad2deg(np.arctan2(forward_base[1], forward_base[0]))
         free.elevation = np.rad2deg(np.arcsin(np.clip(forward_base[2], -1, 1)))
-        self._renderer.update_scene(data, free, self._options)
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(self._model, data, self._options, None, free, everything, self._scene)
         left, right, bottom, top = _frustum(self._pinhole)
-        for view in self._renderer.scene.camera:  # left and right eye
+        for view in self._scene.camera:  # left and right eye
             view.pos, view.forward, view.up = centre_base, forward_base, up_base
             view.frustum_near, view.frustum_far = _NEAR_M, _FAR_M
             view.frustum_bottom, view.frustum_top = bottom, top
-            view.frustum_center, view.frustum_width = (left + right) / 2, (right - left) / 2  # half the width
+            view.frustum_center, view.frustum_width = ((left + right) / 2, (right - left) / 2)  # half the width
 
 
 def _frustum(pinhole: CameraModel) -> tuple[float, float, float, float]:
@@ -112,8 +126,11 @@ def _frustum(pinhole: CameraModel) -> tuple[float, float, float, float]:
 
 def _lens(camera: CameraModel) -> tuple[CameraModel, tuple[np.ndarray, np.ndarray]]:
     """A pinhole camera that sees all that the lens sees, and cv2.remap's maps from its picture to the lens's."""
-    v, u = np.mgrid[: camera.height_px, : camera.width_px]
-    pixels = camera.unproject(np.stack([u, v], axis=-1).astype(float))[..., :2] * camera.focal_px + camera.principal_px
+    u_knots, v_knots = (
+        np.linspace(-0.5, size - 0.5, size // _KNOT_SPACING_PX + 4) for size in (camera.width_px, camera.height_px)
+    )
+    knots = np.stack(np.meshgrid(u_knots, v_knots), axis=-1)
+    pixels = camera.unproject(knots)[..., :2] * camera.focal_px + camera.principal_px
     if not np.all(np.isfinite(pixels)):
         raise BadGeometry("camera: the lens distortion cannot be inverted over the whole picture")
     low = np.floor(pixels.min(axis=(0, 1))) - 1
@@ -126,18 +143,47 @@ def _lens(camera: CameraModel) -> tuple[CameraModel, tuple[np.ndarray, np.ndarra
         focal_px=camera.focal_px,
         principal_px=camera.principal_px - low,
     )
-    maps = (pixels - low).astype(np.float32)
-    return pinhole, cv2.convertMaps(maps[..., 0], maps[..., 1], cv2.CV_16SC2)
+    columns, rows = (
+        RectBivariateSpline(v_knots, u_knots, pixels[..., axis] - low[axis])(
+            np.arange(camera.height_px), np.arange(camera.width_px)
+        )
+        for axis in (0, 1)
+    )
+    rows = height_px - 1 - rows  # OpenGL's pictures start at the bottom row
+    return pinhole, cv2.convertMaps(columns.astype(np.float32), rows.astype(np.float32), cv2.CV_16SC2)
 
 
-def _open_renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
-    """A renderer without multisampling and shadows; the model's own settings are as before afterwards."""
+def _open_graphics(model: mujoco.MjModel, width_px: int, height_px: int) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
+    """An off-screen context without multisampling and shadows; the model's own settings are as before afterwards.
+
+    Not mujoco.Renderer: it takes the platform that was chosen when mujoco was first imported, and one without a screen
+    ends the process.
+    """
     quality, buffer = model.vis.quality, model.vis.global_
     before = quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight
-    quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = 0, 0, width_px, height_px
+    quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = (0, 0, width_px, height_px)
     try:
-        return mujoco.Renderer(model, height_px, width_px)
+        gl_context = _context_class()(width_px, height_px)
+        gl_context.make_current()
+        buffers = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
     except (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError) as error:
         raise NotReady(GRAPHICS_HELP.format(cause=str(error) or type(error).__name__)) from error
     finally:
         quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = before
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, buffers)
+    return gl_context, buffers
+
+
+def _context_class() -> type[mujoco.GLContext]:
+    """EGL, which needs no screen, unless MUJOCO_GL asks for another platform."""
+    if sys.platform == "linux" and os.environ.get("MUJOCO_GL", "egl").lower() == "egl":
+        from mujoco.egl import GLContext  # noqa: PLC0415  not at the top: it fails where EGL is missing
+
+        return GLContext
+    return mujoco.GLContext
+
+
+def _close_graphics(gl_context: mujoco.GLContext, buffers: mujoco.MjrContext) -> None:
+    gl_context.make_current()
+    buffers.free()
+    gl_context.free()

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from weldcell.sensor_sim.stripe import StripePieces
 
@@ -37,7 +37,13 @@ def draw_stripe(pieces: StripePieces, width_px: int, height_px: int) -> LaserLig
     return LaserLight(first_row=first_row, grey=grey)
 
 
-def _add_band(grey, first_row, pieces: StripePieces, chosen, band_px: int) -> None:  # noqa: ANN001
+def _add_band(
+    grey: Float[np.ndarray, "rows width"],
+    first_row: int,
+    pieces: StripePieces,
+    chosen: Bool[np.ndarray, "k"],
+    band_px: int,
+) -> None:
     """Add the chosen pieces, `band_px` rows to either side of their centres."""
     centre = np.rint(pieces.v_px[chosen])
     offset = np.arange(-band_px, band_px + 1)

@@ -56,9 +56,7 @@ class LightSection:
     """Whether it is visible and within the picture."""
 
 
-def laser_fan(
-    plane: LaserPlane, source_camera: Float[np.ndarray, "3"], fan_rad: float, ray_count: int
-) -> LaserFan:
+def laser_fan(plane: LaserPlane, source_camera: Float[np.ndarray, "3"], fan_rad: float, ray_count: int) -> LaserFan:
     """The fan about the plane's light direction, rays evenly spaced on a surface hit head-on.
 
     A source that lies off the plane (a real one never does) is moved to its foot in the plane.
@@ -82,7 +80,7 @@ def light_section(
     caster: RayCaster, data: mujoco.MjData, T_base_camera: RigidTransform, camera: CameraModel, fan: LaserFan
 ) -> LightSection:
     """What the fan lights and the camera sees, with the camera actually at `T_base_camera`."""
-    R_base_camera, centre_base = T_base_camera.rotation.as_matrix(), T_base_camera.translation
+    R_base_camera, centre_base = (T_base_camera.rotation.as_matrix(), T_base_camera.translation)
     source_base = R_base_camera @ fan.source_camera + centre_base
     hits = caster.cast(data, source_base, fan.directions_camera @ R_base_camera.T)
     normals_camera = hits.normals @ R_base_camera

@@ -12,7 +12,7 @@ from weldcell.sensor_sim.drawing import LaserLight
 from weldcell.sensor_sim.stripe import WAVELENGTH_UM
 
 _SEED_LIMIT = 2**31 - 1  # cv2.setRNGSeed takes a positive 32-bit integer
-_GRAIN_TAPS = 3  # half width of the grain's kernel
+_COARSEST_GRAIN_PX = 16.0  # a lens that makes coarser grain than this makes no stripe either
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +92,9 @@ def speckle(
     a correlated normal field g by Wilson and Hilferty's cube: k (1 - 1/(9k) + g/(3 sqrt(k)))^3 / k, whose mean and
     contrast are right to 1 % for contrasts up to 0.6 (3 % at 1).
     """
-    field = _standard_normal(shape, rng)
-    taps = np.exp(-(np.arange(-_GRAIN_TAPS, _GRAIN_TAPS + 1) ** 2) / max(grain_px**2, 1e-6))
-    taps = (taps / np.linalg.norm(taps)).astype(np.float32)  # unit energy keeps the variance
-    field = cv2.sepFilter2D(field, cv2.CV_32F, taps, taps, borderType=cv2.BORDER_REFLECT)
+    taps = _grain_taps(grain_px)
+    white = _standard_normal(shape, rng)
+    field = np.asarray(cv2.sepFilter2D(white, cv2.CV_32F, taps, taps, borderType=cv2.BORDER_REFLECT), dtype=np.float32)
     shape_k = 1 / contrast**2
     field *= np.float32(1 / (3 * np.sqrt(shape_k)))
     field += np.float32(1 - 1 / (9 * shape_k))
@@ -103,14 +102,27 @@ def speckle(
     return field * field * field
 
 
+def _grain_taps(grain_px: float) -> Float[np.ndarray, "taps"]:
+    """Filter that gives white noise the correlation exp(-d^2 / 2 grain^2) between pixels, and keeps its variance.
+
+    The root of the sampled correlation's own spectrum: a sampled Gaussian filter correlates fine grain too little.
+    """
+    grain_px = min(max(grain_px, 0.1), _COARSEST_GRAIN_PX)
+    reach = int(np.ceil(5 * grain_px)) + 3
+    correlation = np.exp(-(np.arange(-reach, reach + 1) ** 2) / (2 * grain_px**2))
+    spectrum = np.maximum(np.fft.fft(np.fft.ifftshift(correlation)).real, 0)
+    taps = np.fft.fftshift(np.fft.ifft(np.sqrt(spectrum)).real)
+    return (taps / np.linalg.norm(taps)).astype(np.float32)
+
+
 def _standard_normal(shape: tuple[int, int], rng: np.random.Generator) -> Float[np.ndarray, "height width"]:
     """Normal numbers (float32) by OpenCV's generator, seeded from `rng`: seven times as fast as NumPy's."""
     cv2.setRNGSeed(int(rng.integers(1, _SEED_LIMIT)))
     numbers = np.empty(shape, np.float32)
-    cv2.randn(numbers, 0, 1)
+    cv2.randn(numbers, np.zeros(1), np.ones(1))
     return numbers
 
 
 def _quantise(light: Float[np.ndarray, "height width"]) -> UInt8[np.ndarray, "height width"]:
     """Nearest grey level (halves to the even one, so no bias), clipped to 0..255."""
-    return cv2.add(light, 0.0, dtype=cv2.CV_8U)
+    return np.asarray(cv2.addWeighted(light, 1, light, 0, 0, dtype=cv2.CV_8U), dtype=np.uint8)  # rounds and saturates

@@ -68,7 +68,7 @@ class RayCaster:
             return _hits(origin, directions, np.empty(0), np.empty((0, 3)), np.empty(0, np.int32))
         self._model.geom_group[:] = np.where(self._reachable(data, origin, directions), self._group, _CULLED_GROUP)
         rays = directions + _JITTER * np.random.default_rng(0).uniform(-1, 1, directions.shape)
-        distance_m, normals, geom_id = np.empty(count), np.empty(3 * count), np.empty(count, np.int32)
+        distance_m, normals, geom_id = (np.empty(count), np.empty(3 * count), np.empty(count, np.int32))
         mujoco.mj_multiRay(
             self._model, data, origin, rays.ravel(), self._group_mask, True, -1,
             geom_id, distance_m, normals, count, _NO_CUTOFF,
@@ -104,7 +104,9 @@ class RayCaster:
 def _check_rays(origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]) -> None:
     """Refuse what would end the process (a zero direction) or silently miss (NaN)."""
     if origin.shape != (3,) or directions.ndim != 2 or directions.shape[1] != 3:
-        raise BadGeometry(f"rays: expected an origin (3,) and directions (n, 3), found {origin.shape}, {directions.shape}")
+        raise BadGeometry(
+            f"rays: expected an origin (3,) and directions (n, 3), found {origin.shape}, {directions.shape}"
+        )
     if not np.all(np.isfinite(origin)):
         raise BadGeometry(f"rays: expected a finite origin, found {origin.tolist()}")
     if not np.all(np.isfinite(directions)):

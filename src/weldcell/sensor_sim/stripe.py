@@ -86,9 +86,7 @@ def stripe_optics(config: SensorConfig) -> StripeOptics:
     )
 
 
-def stripe_pieces(
-    section: LightSection, camera: CameraModel, fan: LaserFan, optics: StripeOptics
-) -> StripePieces:
+def stripe_pieces(section: LightSection, camera: CameraModel, fan: LaserFan, optics: StripeOptics) -> StripePieces:
     """The stripe of a light section, column by column."""
     runs = _runs(section, fan)
     if not runs:
@@ -208,7 +206,9 @@ def _cut_by_columns(lines: list[Float[np.ndarray, "_ 6"]], width_px: int, optics
     u_px = low[segment] + np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)
     a, b = starts[segment], stops[segment]
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
-    _, v_px, sheet_px, brightness, from_head, from_tail = (a + ((u_px - a[:, 0]) / (b[:, 0] - a[:, 0]))[:, None] * (b - a)).T
+    _, v_px, sheet_px, brightness, from_head, from_tail = (
+        a + ((u_px - a[:, 0]) / (b[:, 0] - a[:, 0]))[:, None] * (b - a)
+    ).T
     blur_px = optics.psf_sigma_px * np.sqrt(1 + np.minimum(slope**2, _STEEPEST**2))
     sigma_px = np.hypot(sheet_px, blur_px)
     coverage = ndtr(from_head / optics.psf_sigma_px) * ndtr(from_tail / optics.psf_sigma_px)
@@ -225,6 +225,4 @@ def _cut_by_columns(lines: list[Float[np.ndarray, "_ 6"]], width_px: int, optics
 
 def _no_pieces() -> StripePieces:
     empty = np.empty(0)
-    return StripePieces(
-        u_px=np.empty(0, np.int64), v_px=empty, sigma_px=empty, amplitude_grey=empty, coverage=empty
-    )
+    return StripePieces(u_px=np.empty(0, np.int64), v_px=empty, sigma_px=empty, amplitude_grey=empty, coverage=empty)

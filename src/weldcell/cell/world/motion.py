@@ -1,6 +1,8 @@
 """Motion between poses: within joint limits and speeds, clear of the parts."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +15,9 @@ from weldcell.cell.world.controller import Controller
 _CHECK_STEP_RAD = 0.03  # between two checked postures no point of the arm moves more than about 40 mm
 _SPEED_SHARE = 0.4  # of the joints' largest speeds: an arm in a cell with people near does not run flat out
 _PEAK_OVER_MEAN = 1.5  # of the cubic time law 3s^2 - 2s^3
-_LIFTS_M = (0.10, 0.20, 0.30)
+_SAME_CONFIGURATION_RAD = np.radians(110)
+_STRETCHED_WRIST_RAD = np.radians(20)
+_RETREATS_M = (0.06, 0.12, 0.25)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,26 +52,51 @@ class MotionPlanner:
         within = bool(np.all(joints_rad >= low) and np.all(joints_rad <= high))
         return within and not self.known_cell.collides(joints_rad)
 
+    def working(self, joints_rad: Float[np.ndarray, "6"]) -> bool:
+        """Whether a posture is free, in the configuration of home (no joint far from it), and its wrist not stretched.
+
+        Another configuration, or a wrist near its singularity, turns the same joint errors into other errors at the
+        tool: no one calibrates across them.
+        """
+        turned = np.abs(joints_rad - self.home_rad).max() > _SAME_CONFIGURATION_RAD
+        return not turned and abs(joints_rad[4]) > _STRETCHED_WRIST_RAD and self.free(joints_rad)
+
     def move(self, start_rad: Float[np.ndarray, "6"], goal_rad: Float[np.ndarray, "6"]) -> Motion:
-        """A motion from one posture to another: direct, by lifting the tool first, or by way of home."""
+        """A motion from one posture to another; raises OutOfReach if no way clear of the parts is found."""
+        if self._clear(start_rad, goal_rad):
+            return self._timed([start_rad, goal_rad])
         for stops in self._routes(start_rad, goal_rad):
             if all(self._clear(a, b) for a, b in zip(stops[:-1], stops[1:], strict=True)):
                 return self._timed(stops)
         raise OutOfReach("no path clear of the parts was found between two postures of the arm")
 
-    def _routes(self, start_rad: Float[np.ndarray, "6"], goal_rad: Float[np.ndarray, "6"]) -> list:
-        routes = [[start_rad, goal_rad]]
-        for lift_m in _LIFTS_M:
-            try:
-                up_start, up_goal = (self._lifted(q, lift_m) for q in (start_rad, goal_rad))
-            except OutOfReach:
-                continue
-            routes.append([start_rad, up_start, up_goal, goal_rad])
-            routes.append([start_rad, up_start, self.home_rad, up_goal, goal_rad])
-        return routes
+    def _routes(self, start_rad: Float[np.ndarray, "6"], goal_rad: Float[np.ndarray, "6"]) -> Iterator[list]:
+        """Ways to try, the plainest first: direct, then by retreats at either end, then by way of home as well."""
+        leaving = [[], *([q] for q in self._retreats(start_rad))]
+        coming = [[], *([q] for q in self._retreats(goal_rad))]
+        for middle in ([], [self.home_rad]):
+            for leave, come in sorted(product(leaving, coming), key=lambda pair: len(pair[0]) + len(pair[1])):
+                yield [start_rad, *leave, *middle, *come, goal_rad]
 
-    def _lifted(self, joints_rad: Float[np.ndarray, "6"], lift_m: float) -> Float[np.ndarray, "6"]:
-        T_base_flange = translation([0, 0, lift_m]) * self.controller.forward(joints_rad)
+    def _retreats(self, joints_rad: Float[np.ndarray, "6"]) -> Iterator[Float[np.ndarray, "6"]]:
+        """Free postures above, and behind along the flange's axis, that can be reached straight."""
+        for distance_m in _RETREATS_M:
+            for retreat in (self._lifted, self._backed):
+                try:
+                    off_rad = retreat(joints_rad, distance_m)
+                except OutOfReach:
+                    continue
+                if self._clear(joints_rad, off_rad):
+                    yield off_rad
+
+    def _lifted(self, joints_rad: Float[np.ndarray, "6"], distance_m: float) -> Float[np.ndarray, "6"]:
+        """The posture with the flange straight above."""
+        T_base_flange = translation([0, 0, distance_m]) * self.controller.forward(joints_rad)
+        return self.controller.inverse(T_base_flange, joints_rad)
+
+    def _backed(self, joints_rad: Float[np.ndarray, "6"], distance_m: float) -> Float[np.ndarray, "6"]:
+        """The posture with the flange drawn back along its own axis."""
+        T_base_flange = self.controller.forward(joints_rad) * translation([0, 0, -distance_m])
         return self.controller.inverse(T_base_flange, joints_rad)
 
     def _clear(self, start_rad: Float[np.ndarray, "6"], goal_rad: Float[np.ndarray, "6"]) -> bool:

@@ -25,7 +25,8 @@ class ErrorBudget:
     compliance_rad_per_nm: tuple[float, float]
     """Joint compliance under gravity, of axes 1 to 3 and 4 to 6."""
     repeatability_m: float
-    """Root-mean-square distance by which the flange misses a pose it is sent to again, at arm's length."""
+    """Pose repeatability RP of the flange as ISO 9283 defines it and data sheets give it: the mean distance from the
+    mean place plus three of its standard deviations."""
     tip_m: float
     """Distance (not a sigma) of the actual torch tip from the nominal one; the direction is drawn."""
     focal_ratio: float
@@ -103,6 +104,8 @@ class RobotError:
     """Believed offset of the light plane less actual."""
 
 
+# RP of normal errors with one sigma on each axis, by the mean (1.596) and spread (0.673) of Maxwell's distribution.
+_RP_PER_SIGMA = 1.596 + 3 * 0.673
 # An equal sigma on all six joints moves the flange by this much for each radian (root mean square, this arm at its
 # working posture, torch 0.93 m before the base): turns repeatability at the flange into joint noise.
 _FLANGE_M_PER_JOINT_RAD = 1.30
@@ -117,7 +120,7 @@ def draw_error(budget: ErrorBudget, rng: np.random.Generator) -> RobotError:
         twist_rad=rng.normal(size=(JOINTS, 3)) * budget.twist_rad,
         zero_rad=rng.normal(size=JOINTS) * budget.zero_rad,
         compliance_rad_per_nm=np.array([near] * 3 + [far] * 3),
-        repeatability_rad=budget.repeatability_m / _FLANGE_M_PER_JOINT_RAD,
+        repeatability_rad=np.sqrt(3) * budget.repeatability_m / _RP_PER_SIGMA / _FLANGE_M_PER_JOINT_RAD,
         tip_flange_m=budget.tip_m * direction / np.linalg.norm(direction),
         T_camera_mount=rigid_from(
             Rotation.from_rotvec(rng.normal(size=3) * budget.mount_rad), rng.normal(size=3) * budget.mount_m

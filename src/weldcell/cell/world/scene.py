@@ -22,7 +22,7 @@ from weldcell.models.room import build_room
 
 DRAWN_T_FLANGE_CAMERA = T_FLANGE_CAMERA
 DRAWN_T_FLANGE_TORCH = T_FLANGE_TORCH
-HOME_RAD = np.radians([0.0, -105.0, 105.0, 0.0, 55.0, 180.0])
+HOME_RAD = np.radians([11.7, -75.7, 76.3, -34.4, 96.1, -80.0])
 """Tool above the table, clear of everything that may stand on it."""
 
 SHELF = {

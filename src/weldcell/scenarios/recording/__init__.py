@@ -1,6 +1,7 @@
 """The recording of a run: the only place that knows rerun."""
 
+from weldcell.scenarios.recording.reading import check_recording
 from weldcell.scenarios.recording.recording import Recording
-from weldcell.scenarios.recording.viewer import HeadlessViewer, check_recording, view
+from weldcell.scenarios.recording.viewer import HeadlessViewer, view
 
 __all__ = ["HeadlessViewer", "Recording", "check_recording", "view"]

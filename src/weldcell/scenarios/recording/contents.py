@@ -16,7 +16,7 @@ class StageContents:
     """Least coordinates of its points, m."""
     high_base: Float[np.ndarray, "3"] = field(default_factory=lambda: np.full(3, -np.inf))
     """Largest coordinates of its points, m."""
-    paths: set[str] = field(default_factory=set)
+    accumulated: set[str] = field(default_factory=set)
     """Entities that hold one moment's points each and are shown accumulated."""
     shots: int = 0
     series: int = 0

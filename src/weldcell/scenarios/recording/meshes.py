@@ -1,5 +1,6 @@
 """Triangle meshes of everything in a compiled MuJoCo model, ready to be drawn."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import trimesh
 from jaxtyping import Float, Int, UInt8
 
 _CREASE_RAD = np.deg2rad(30.0)  # edges sharper than this are drawn as edges
+_DEFAULT_RGBA = np.array([0.5, 0.5, 0.5, 1.0])  # MuJoCo's, of a geom without a colour of its own
 _ENDLESS_PLANE_M = 2.0  # half side drawn for a plane that MuJoCo holds to be endless
 
 
@@ -64,16 +66,30 @@ def body_name(model: mujoco.MjModel, body: int) -> str:
 
 
 def entity_name(name: str) -> str:
-    """The name with the separators of MuJoCo's attached models replaced: `arm/link_1` is one part, not two."""
-    return name.strip("/").replace("/", "_")
+    """The name as one part of an entity path: MuJoCo's attached models have slashes in theirs (`arm/link_1`)."""
+    return re.sub(r"[^0-9A-Za-z_.-]+", "_", name.strip("/ "))
 
 
 def _rgba(model: mujoco.MjModel, geom: int) -> UInt8[np.ndarray, "4"]:
-    """Colour of a geom: its own, or its material's where it has none (0.5 0.5 0.5 1 is MuJoCo's default)."""
-    rgba, material = model.geom_rgba[geom], int(model.geom_matid[geom])
-    if material >= 0 and np.array_equal(rgba, np.float32([0.5, 0.5, 0.5, 1.0])):
-        rgba = model.mat_rgba[material]
+    """Colour of a geom: its own, or its material's where it has none.
+
+    A picture on the material counts with its mean colour.
+    """
+    rgba, material = np.array(model.geom_rgba[geom]), int(model.geom_matid[geom])
+    if material >= 0:
+        if np.array_equal(rgba, _DEFAULT_RGBA):
+            rgba = np.array(model.mat_rgba[material])
+        rgba[:3] *= _mean_texture(model, material)
     return np.rint(255 * np.clip(rgba, 0, 1)).astype(np.uint8)
+
+
+def _mean_texture(model: mujoco.MjModel, material: int) -> Float[np.ndarray, "3"]:
+    texture = int(model.mat_texid[material][mujoco.mjtTextureRole.mjTEXROLE_RGB])
+    if texture < 0 or model.tex_nchannel[texture] < 3:
+        return np.ones(3)
+    channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+    count = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
+    return model.tex_data[first : first + count].reshape(-1, channels)[:, :3].mean(axis=0) / 255
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh | None:
@@ -81,7 +97,7 @@ def _mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh | None:
     size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
     match kind:
         case mujoco.mjtGeom.mjGEOM_PLANE:
-            half_x, half_y = np.where(size[:2] > 0, size[:2], _ENDLESS_PLANE_M)
+            half_x, half_y = (float(side) if side > 0 else _ENDLESS_PLANE_M for side in size[:2])
             corners = [[-half_x, -half_y, 0], [half_x, -half_y, 0], [half_x, half_y, 0], [-half_x, half_y, 0]]
             return trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
         case mujoco.mjtGeom.mjGEOM_SPHERE:

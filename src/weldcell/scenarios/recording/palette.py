@@ -11,12 +11,11 @@ Rgba = tuple[int, int, int, int]
 LASER: Rgba = (255, 40, 30, 70)
 STRIPE: Rgba = (60, 255, 120, 255)
 TRUE: Rgba = (255, 255, 255, 255)
-BEFORE: Rgba = (230, 100, 60, 255)
-AFTER: Rgba = (80, 200, 120, 255)
 TOUCH: Rgba = (255, 210, 60, 255)
 PROFILE: Rgba = (90, 200, 255, 255)
 FRAME: Rgba = (130, 130, 135, 255)
-SCALE: Rgba = (70, 72, 76, 255)
+SCALE: Rgba = (62, 64, 68, 255)
+NUMBER: Rgba = (170, 172, 176, 255)
 
 # Okabe and Ito's set, told apart by colour-blind people as well (https://jfly.uni-koeln.de/color/).
 _NAMED: tuple[Rgba, ...] = (
@@ -27,7 +26,7 @@ _NAMED: tuple[Rgba, ...] = (
     (204, 121, 167, 255),
     (230, 159, 0, 255),
 )
-_KNOWN = {"left": 0, "root": 1, "right": 2, "centre": 1, "before": 2, "after": 3}
+_KNOWN = {"left": 0, "root": 1, "right": 2, "centre": 1, "before": 4, "after": 3}
 
 
 def named_colours(names: Sequence[str]) -> list[Rgba]:

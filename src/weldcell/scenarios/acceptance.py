@@ -1,0 +1,30 @@
+"""What a run must reach to pass: to be no worse than what paper P2 published of its real cell (its Tables 1 to 3)."""
+
+from collections.abc import Mapping
+
+LIMITS = {
+    "point_1_error_after_mm": 0.8183,
+    "point_2_error_after_mm": 0.7069,
+    "point_3_error_after_mm": 0.6371,
+    "seam_left_mean_error_mm": 0.4567,
+    "seam_root_mean_error_mm": 0.6374,
+    "seam_right_mean_error_mm": 0.4856,
+    "boss_edge_mean_error_mm": 0.5071,
+    "boss_angle_mean_error_deg": 0.2145,
+}
+
+VALID_SHARE = 0.98
+"""Of the frames along a seam (ours: the paper gives none)."""
+
+
+def limits_for(metrics: Mapping[str, float | None]) -> dict[str, float]:
+    """The limits of those metrics that have one."""
+    return {name: limit for name, limit in LIMITS.items() if name in metrics}
+
+
+def failures(metrics: Mapping[str, float | None]) -> tuple[str, ...]:
+    """What else makes a run unacceptable, in words."""
+    valid, frames = metrics.get("frames_valid_count"), metrics.get("frames_count")
+    if valid is None or frames is None or valid >= VALID_SHARE * frames:
+        return ()
+    return (f"the seam was found in {valid:.0f} of {frames:.0f} frames, expected at least {VALID_SHARE:.0%}",)

@@ -1,0 +1,146 @@
+"""The command `weldcell`."""
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import weldcell
+from weldcell.cell.errors import BadInput, JobFailed, WeldcellError
+from weldcell.scenarios import options
+from weldcell.scenarios.catalogue import SCENARIOS, Scenario, did_you_mean, find_scenario
+from weldcell.scenarios.run_folder import recording_of
+
+EXIT_DONE, EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_PIPE_CLOSED = 0, 1, 2, 130, 141
+
+
+def main(arguments: Sequence[str] | None = None, scenarios: Iterable[Scenario] = SCENARIOS) -> int:
+    """The exit code: 0 done, 1 the run's own acceptance failed, 2 bad input or configuration."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    scenarios = tuple(scenarios)
+    try:
+        return _dispatch(_parse(arguments, scenarios), scenarios)
+    except JobFailed as error:
+        return _explain(arguments, EXIT_FAILED, "failed", str(error))
+    except WeldcellError as error:
+        return _explain(arguments, EXIT_BAD_INPUT, "error", str(error))
+    except BrokenPipeError:  # the reader of our output had enough, as in `weldcell list | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_PIPE_CLOSED
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _explain(arguments, EXIT_BAD_INPUT, "error", f"{where}{error.strerror or error}")
+    except KeyboardInterrupt:
+        return _explain(arguments, EXIT_INTERRUPTED, "error", "interrupted; nothing was left behind")
+    except Exception as error:
+        what = f"unexpected {type(error).__name__}: {error} (--debug shows where; please report it)"
+        return _explain(arguments, EXIT_BAD_INPUT, "error", what)
+
+
+def _explain(arguments: Sequence[str], code: int, kind: str, message: str) -> int:
+    if "--debug" in arguments:
+        traceback.print_exc()
+    # One line whatever a file is called, and printable whatever the terminal's encoding.
+    line = " ".join(message.splitlines()) or "no reason given"
+    encoding = sys.stderr.encoding or "utf-8"
+    print(f"weldcell: {kind}: {line}".encode(encoding, "backslashreplace").decode(encoding), file=sys.stderr)
+    return code
+
+
+def _parse(arguments: Sequence[str], scenarios: Iterable[Scenario]) -> argparse.Namespace:
+    parser, commands = _parser(scenarios)
+    parsed, unknown = parser.parse_known_args(options.normalised(arguments))
+    if unknown:
+        known = options.option_strings(commands.choices[parsed.command])
+        hint = did_you_mean(unknown[0].partition("=")[0], known)
+        raise BadInput(f"found {unknown[0]!r}, which weldcell {parsed.command} does not take{hint}")
+    return parsed
+
+
+def _dispatch(parsed: argparse.Namespace, scenarios: tuple[Scenario, ...]) -> int:
+    match parsed.command:
+        case "list":
+            width = max(len(scenario.name) for scenario in scenarios)
+            for scenario in scenarios:
+                print(f"{scenario.name:{width}}  {scenario.summary}")
+            sys.stdout.flush()
+        case "run":
+            return _run(parsed, find_scenario(parsed.scenario, scenarios))
+        case "view":
+            from weldcell.scenarios import recording  # rerun takes a second to import
+
+            recording.view(recording_of(parsed.run))
+        case "snapshot":
+            from weldcell.scenarios import snapshot
+
+            for complaint in snapshot.take(
+                recording_of(parsed.run), _picture(parsed.out), parsed.frame, tab=parsed.tab
+            ):
+                print(f"weldcell: warning: {complaint}", file=sys.stderr)
+            print(parsed.out)
+    return EXIT_DONE
+
+
+def _run(parsed: argparse.Namespace, scenario: Scenario) -> int:
+    from weldcell.scenarios.run import run
+
+    outcome = run(
+        scenario,
+        config_file=parsed.config,
+        seed=None if parsed.seed is None else options.typed(int, parsed.seed),
+        given=options.given_fields(parsed),
+        place=parsed.out,
+        overwrite=parsed.overwrite,
+    )
+    for reason in outcome.reasons:
+        print(f"weldcell: failed: {reason}", file=sys.stderr)
+    return EXIT_FAILED if outcome.reasons else EXIT_DONE
+
+
+def _picture(path: Path) -> Path:
+    if path.suffix.lower() != ".png":
+        raise BadInput(f"--out: found {str(path)!r}, expected a name that ends in .png")
+    return path
+
+
+def _parser(scenarios: Iterable[Scenario]) -> tuple[options.Parser, "argparse._SubParsersAction[options.Parser]"]:
+    names = ", ".join(scenario.name for scenario in scenarios)
+    parser = options.Parser(prog="weldcell", description=weldcell.__doc__)
+    parser.add_argument("--version", action="version", version=f"weldcell {weldcell.__version__}")
+    everywhere = options.Parser(add_help=False)
+    everywhere.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=options.Parser)
+
+    commands.add_parser("list", parents=[everywhere], help="the scenarios, a line each")
+
+    run = commands.add_parser(
+        "run",
+        parents=[everywhere],
+        help="run a scenario",
+        usage="weldcell run SCENARIO [--seed N] [--out DIR] [--config FILE.yaml] [any field of the configuration]",
+        description="Runs a scenario. Each field of the configuration is an option; config.yaml holds them all.",
+    )
+    run.add_argument("scenario", metavar="SCENARIO", help=f"one of {names}")
+    run.add_argument("--seed", metavar="N", help="where all randomness of the run comes from (default: 0)")
+    run.add_argument("--out", metavar="DIR", type=Path, help="the run's folder (default: runs/SCENARIO-SEED)")
+    run.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings, e.g. the config.yaml of another run")
+    run.add_argument("--overwrite", action="store_true", help="replace a finished run (default: refuse)")
+    options.add_field_options(run)
+
+    view = commands.add_parser(
+        "view", parents=[everywhere], help="open a recording in the rerun viewer", description="Opens a recording."
+    )
+    snapshot = commands.add_parser(
+        "snapshot",
+        parents=[everywhere],
+        help="a picture of a recording, without a screen",
+        description="Makes a picture of a recording, without a screen.",
+    )
+    for command in (view, snapshot):
+        command.add_argument("run", metavar="RUN", type=Path, help="a run's folder, or a .rrd file")
+    snapshot.add_argument("--out", metavar="PICTURE.png", type=Path, required=True, help="the picture to write")
+    snapshot.add_argument("--frame", metavar="K", type=int, help="number of the frame to show (default: the last)")
+    snapshot.add_argument("--tab", metavar="NAME", help="the recording's tab to show (default: the first)")
+    return parser, commands

@@ -1,0 +1,89 @@
+"""One picture and what was found in it, as it is drawn."""
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import rerun as rr
+from jaxtyping import Float, UInt8
+from scipy.spatial.transform import RigidTransform
+
+from weldcell.cell.profile import JointFeatures, Profile, Stripe
+from weldcell.scenarios.recording import palette
+from weldcell.scenarios.recording.meshes import entity_name
+from weldcell.scenarios.recording.sensor import PICTURE, DrawnSensor
+
+Drawn = Iterator[tuple[str, rr.AsComponents]]
+
+_EVERY_STRIPE_POINT = 12  # of the stripe's centres: dots that leave the stripe itself in sight
+_EVERY_PROFILE_POINT = 2  # of the profile's points, some 0.08 mm apart
+_CORNER_TO_CENTRE_PX = 0.5  # rerun's pixel (0, 0) is the corner of the top-left pixel, ours its centre
+
+
+def drawn_picture(
+    image: UInt8[np.ndarray, "h w"],
+    quality: int,
+    stripe: Stripe | None,
+    joint: JointFeatures | None,
+    sensor: DrawnSensor,
+) -> Drawn:
+    """The camera's picture as JPEG, with stripe centres and features on top."""
+    encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    yield PICTURE, rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
+    pixels = np.zeros((0, 2)) if stripe is None else np.column_stack([stripe.u_px, stripe.v_px])
+    pixels = pixels[::_EVERY_STRIPE_POINT] + _CORNER_TO_CENTRE_PX
+    yield f"{PICTURE}/stripe", rr.Points2D(pixels, colors=palette.STRIPE, radii=rr.Radius.ui_points(0.8))
+    names, points_camera = _found(joint)
+    pixels = sensor.camera.project(points_camera) + _CORNER_TO_CENTRE_PX
+    yield f"{PICTURE}/features", _features_2d(pixels, names)
+
+
+def drawn_profile(profile: Profile, sensor: DrawnSensor) -> Drawn:
+    """The profile in the light plane."""
+    points_mm = sensor.profile_mm(profile.points_camera[profile.valid][::_EVERY_PROFILE_POINT])
+    yield "profile/points", rr.Points2D(points_mm, colors=palette.PROFILE, radii=rr.Radius.ui_points(1.2))
+
+
+def drawn_cloud(
+    points_base: Float[np.ndarray, "n 3"], depth_mm: Float[np.ndarray, "n"], sensor: DrawnSensor
+) -> rr.Points3D:
+    """The profile in the base, coloured by depth over the sensor's measuring range."""
+    near, far = np.nanmin(sensor.range_mm[:, 1]), np.nanmax(sensor.range_mm[:, 1])
+    colours = palette.depth_colours(-depth_mm, -far, -near)
+    return rr.Points3D(points_base.astype(np.float32), colors=colours, radii=rr.Radius.ui_points(1.0))
+
+
+def profile_in_base(
+    profile: Profile, T_base_camera: RigidTransform, sensor: DrawnSensor
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+    """Every second valid point in the base (m), and its depth along the light (mm)."""
+    points_camera = profile.points_camera[profile.valid][::_EVERY_PROFILE_POINT]
+    if len(points_camera) == 0:
+        return np.zeros((0, 3)), np.zeros(0)
+    return T_base_camera.apply(points_camera), sensor.profile_mm(points_camera)[:, 1]
+
+
+def drawn_features(joint: JointFeatures | None, sensor: DrawnSensor) -> Drawn:
+    """The joint's features in the light plane; none wipes out those of the picture before."""
+    names, points_camera = _found(joint)
+    yield "profile/features", _features_2d(sensor.profile_mm(points_camera), names)
+
+
+def features_in_base(joint: JointFeatures, T_base_camera: RigidTransform) -> Iterator[tuple[str, rr.Points3D]]:
+    """Each feature that was found, as one point in the base."""
+    names, points_camera = _found(joint)
+    for name, point_camera, colour in zip(names, points_camera, palette.named_colours(names), strict=True):
+        point_base = T_base_camera.apply(point_camera)
+        yield entity_name(name), rr.Points3D([point_base], colors=colour, radii=rr.Radius.ui_points(2.0))
+
+
+def _found(joint: JointFeatures | None) -> tuple[list[str], Float[np.ndarray, "k 3"]]:
+    if joint is None or not joint.valid:
+        return [], np.zeros((0, 3))
+    seen = np.isfinite(joint.points_camera).all(axis=1)
+    return [name for name, s in zip(joint.names, seen, strict=True) if s], joint.points_camera[seen]
+
+
+def _features_2d(points: Float[np.ndarray, "k 2"], names: list[str]) -> rr.Points2D:
+    colours, radius = palette.named_colours(names), rr.Radius.ui_points(5.0)
+    return rr.Points2D(points, labels=names, show_labels=True, colors=colours, radii=radius)
