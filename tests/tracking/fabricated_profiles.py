@@ -74,9 +74,9 @@ def shifted(stripe, offset_px):
     return Stripe(u_px=stripe.u_px, v_px=stripe.v_px + offset_px, sigma_px=stripe.sigma_px)
 
 
-def boss_planes(*, edge_m=0.05, slope_rad=np.arctan2(4, 3), top_m=0.03):
+def boss_planes(*, edge_m=0.05, slope_rad=0.9272952180016122, top_m=0.03):
     """Normals and offsets of a boss about z: base, top, and slanted faces towards +x, +y, -x, -y."""
-    # The slanted edge runs over (r, r, h) with h = r tan(slope): its length is r sqrt(2 + tan^2).
+    # A slope of 4 in 3. The slanted edge runs over (r, r, h) with h = r tan(slope): its length is r sqrt(2 + tan^2).
     run = edge_m / np.sqrt(2 + np.tan(slope_rad) ** 2)
     height = run * np.tan(slope_rad)
     azimuth = np.arange(4) * np.pi / 2

@@ -59,7 +59,8 @@ class CameraModel:
         """Rays (x, y, 1) of pixels; NaN where the distortion cannot be inverted."""
         distorted = (np.asarray(pixels, dtype=float) - self.principal_px) / self.focal_px
         normalised = self.undistort(distorted)
-        return np.concatenate([normalised, np.ones_like(normalised[..., :1])], axis=-1)
+        forward = np.where(np.isnan(normalised[..., :1]), np.nan, 1.0)
+        return np.concatenate([normalised, forward], axis=-1)
 
     def in_picture(self, pixels: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
         """Whether pixels lie within the picture."""

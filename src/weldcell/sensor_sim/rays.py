@@ -1,27 +1,27 @@
-"""Rays through MuJoCo's scene, safe from the traps of its ray functions.
+"""Rays through MuJoCo's scene: what they meet first, by Embree (fast) or by MuJoCo itself (the reference).
 
-MuJoCo's `mj_multiRay` culls bodies by the extent of their colliding geoms, so it misses visual-only geoms, and culls
-geoms by the angles of their corners. The caster works on a copy of the model whose bodies have no bounding volume:
-then MuJoCo tests every geom, as `mj_ray` does, and the culling here (bounding spheres against the cone of rays) only
-leaves out what no ray can reach.
+Here rays and data are checked, and geoms that no ray can reach are left out (bounding spheres against the cone of
+rays); `embree_rays` and `mujoco_rays` do the rest.
 """
 
 import copy
 from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Literal, Protocol
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from weldcell.cell.errors import BadGeometry, NotReady
+from weldcell.sensor_sim.mujoco_rays import MujocoRays
 
 SCENE_GROUPS = (0, 1, 2)
 """Geom groups that light meets: parts, arm, torch; not 3, the sensor's own head."""
 
+Backend = Literal["embree", "mujoco"]
+
 _UNIT_TOLERANCE = 1e-9  # far above rounding, far below a nanometre at the sensor's range
-_JITTER = 1e-11  # rays exactly through mesh vertices leak; at 0.3 m this moves a hit by 3e-12 m
-_CULLED_GROUP = mujoco.mjNGROUP - 1
-_NO_CUTOFF = 1e10  # MuJoCo's mjMAXVAL
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,15 +40,31 @@ class RayHits:
     """The geom; -1 for a miss."""
 
 
+class _Tracer(Protocol):
+    """What finds the nearest hits on the chosen geoms: distances, normals, geoms (-1 for a miss)."""
+
+    def nearest(
+        self,
+        data: mujoco.MjData,
+        chosen: Bool[np.ndarray, "geoms"],
+        origin: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "n 3"],
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]: ...
+
+
 class RayCaster:
     """Casts rays against the geoms of a model as it was when the caster was made; one caster for each thread."""
 
-    def __init__(self, model: mujoco.MjModel, groups: tuple[int, ...] = SCENE_GROUPS) -> None:
-        self._model = copy.copy(model)
-        self._model.body_bvhadr[:] = -1  # no bounding volumes: no culling by collision extent
-        seen_in_group = np.isin(model.geom_group, groups)
-        self._group = np.where(seen_in_group, 0, _CULLED_GROUP).astype(self._model.geom_group.dtype)
-        self._group_mask = np.eye(1, mujoco.mjNGROUP, dtype=np.uint8)[0]
+    def __init__(
+        self, model: mujoco.MjModel, groups: tuple[int, ...] = SCENE_GROUPS, backend: Backend | None = None
+    ) -> None:
+        """`backend` is Embree where it is installed, else MuJoCo, unless one is named: both meet the same surfaces."""
+        model = copy.copy(model)
+        self._tracer = _tracer(backend or ("embree" if find_spec("embreex") else "mujoco"), model)
+        painted = model.geom_matid >= 0
+        alpha = model.geom_rgba[:, 3].copy()
+        alpha[painted] = model.mat_rgba[model.geom_matid[painted], 3]
+        self._seen = np.isin(model.geom_group, groups) & (alpha > 0)  # as MuJoCo: what is invisible stops no ray
         unbounded = np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD))
         self._radius_m = np.where(unbounded, np.inf, model.geom_rbound)
 
@@ -63,23 +79,15 @@ class RayCaster:
         directions = np.asarray(directions, dtype=float)
         _check_rays(origin, directions)
         self._check_data(data)
-        count = len(directions)
-        if count == 0:
+        if len(directions) == 0:
             return _hits(origin, directions, np.empty(0), np.empty((0, 3)), np.empty(0, np.int32))
-        self._model.geom_group[:] = np.where(self._reachable(data, origin, directions), self._group, _CULLED_GROUP)
-        rays = directions + _JITTER * np.random.default_rng(0).uniform(-1, 1, directions.shape)
-        distance_m, normals, geom_id = (np.empty(count), np.empty(3 * count), np.empty(count, np.int32))
-        mujoco.mj_multiRay(
-            self._model, data, origin, rays.ravel(), self._group_mask, True, -1,
-            geom_id, distance_m, normals, count, _NO_CUTOFF,
-        )  # fmt: skip
-        return _hits(origin, directions, distance_m, normals.reshape(count, 3), geom_id)
+        chosen = self._seen & self._reachable(data, origin, directions)
+        return _hits(origin, directions, *self._tracer.nearest(data, chosen, origin, directions))
 
     def _check_data(self, data: mujoco.MjData) -> None:
-        if data.geom_xpos.shape[0] != self._model.ngeom:
-            raise NotReady(
-                f"rays: the data hold {data.geom_xpos.shape[0]} geoms, expected {self._model.ngeom} (another model?)"
-            )
+        count = len(self._seen)
+        if data.geom_xpos.shape[0] != count:
+            raise NotReady(f"rays: the data hold {data.geom_xpos.shape[0]} geoms, expected {count} (another model?)")
         rotations = data.geom_xmat.reshape(-1, 3, 3)
         if not np.allclose(np.einsum("nij,nij->n", rotations, rotations), 3.0, atol=1e-6):
             raise NotReady("rays: the scene's geoms have no poses yet; call mj_kinematics or mj_forward first")
@@ -99,6 +107,18 @@ class RayCaster:
             apparent_rad = np.arcsin(np.clip(radius_m / range_m, 0, 1))
         inside = ~(range_m > radius_m)
         return inside | (off_axis_rad <= cone_rad + apparent_rad)
+
+
+def _tracer(backend: Backend, model: mujoco.MjModel) -> _Tracer:
+    if backend == "mujoco":
+        return MujocoRays(model)
+    if backend != "embree":
+        raise BadGeometry(f"rays: unknown backend {backend!r}. Available: embree, mujoco")
+    try:
+        from weldcell.sensor_sim.embree_rays import EmbreeRays  # noqa: PLC0415  embreex has no wheel for every machine
+    except ImportError as error:
+        raise NotReady(f"rays: Embree is not available ({error}); pip install embreex, or use MuJoCo's rays") from error
+    return EmbreeRays(model)
 
 
 def _check_rays(origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]) -> None:

@@ -103,7 +103,7 @@ def _piece(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> Piece:
 
 
 def _is_substantial(piece: Piece) -> bool:
-    length_m = (piece.end_m - piece.start_m) * np.hypot(1, piece.slope)
+    length_m = (piece.end_m - piece.start_m) * float(np.hypot(1, piece.slope))
     return piece.count >= _FEWEST_POINTS and length_m >= _SHORTEST_M
 
 
@@ -120,7 +120,7 @@ def _joined(pieces: list[Piece], tolerance_m: float) -> list[Piece]:
 def _on_one_line(left: Piece, right: Piece, tolerance_m: float) -> bool:
     middle = (left.end_m + right.start_m) / 2
     apart_m = abs(left.z_at(middle) - right.z_at(middle)) * np.cos(left.angle_rad)
-    return abs(left.angle_rad - right.angle_rad) < _SAME_LINE_RAD and apart_m < tolerance_m
+    return bool(abs(left.angle_rad - right.angle_rad) < _SAME_LINE_RAD and apart_m < tolerance_m)
 
 
 def _union(left: Piece, right: Piece) -> Piece:

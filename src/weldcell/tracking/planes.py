@@ -7,11 +7,13 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 _NEIGHBOURS = 20  # cells that give a cell its normal
-_STRAY_SHARE = 0.3  # cells with fewer points than this share of the usual number hold strays
+_STRAY_SHARE = 0.4  # cells with fewer points than this share of the usual number hold strays
 _CANDIDATES = 256
 _MOST_NORMAL_TILT = np.cos(np.deg2rad(15))
 _FLAT_SHARE = 0.02  # least eigenvalue over the sum: larger is an edge
-_REFITS = 4
+_NORMAL_ROUNDS = 3
+_LEAST_PATCH_SHARE = 0.6
+_WIDENINGS = (3.0, 2.0, 1.0, 1.0)  # of the tolerance: a local normal is out by a degree or so
 _TUKEY = 4.685
 _LEAST_SCATTER_M = 1e-9
 
@@ -89,10 +91,16 @@ def _averaged(
 def _local_normals(
     patches: Float[np.ndarray, "cells near 3"],
 ) -> tuple[Float[np.ndarray, "cells 3"], Bool[np.ndarray, "cells"]]:
-    """Normal of each patch of neighbours, and whether the patch is flat."""
-    offsets = patches - patches.mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("cni,cnj->cij", offsets, offsets))
-    return vectors[:, :, 0], values[:, 0] < _FLAT_SHARE * values.sum(axis=1)
+    """Normal of each patch of neighbours, and whether most of the patch is flat; strays in it are left out."""
+    weight = np.ones(patches.shape[:2])
+    for _ in range(_NORMAL_ROUNDS):
+        share = weight / weight.sum(axis=1, keepdims=True)
+        offsets = patches - np.einsum("cn,cni->ci", share, patches)[:, None]
+        values, vectors = np.linalg.eigh(np.einsum("cn,cni,cnj->cij", share, offsets, offsets, optimize=True))
+        distance = np.abs(np.einsum("cni,ci->cn", offsets, vectors[:, :, 0]))
+        weight = (distance <= 3 * np.median(distance, axis=1, keepdims=True)).astype(float)
+    flat = values[:, 0] < _FLAT_SHARE * values.sum(axis=1)
+    return vectors[:, :, 0], flat & (weight.mean(axis=1) > _LEAST_PATCH_SHARE)
 
 
 def _grown_faces(
@@ -104,21 +112,23 @@ def _grown_faces(
     least_cells: int,
 ) -> Int[np.ndarray, "cells"]:
     """The number of the face that each cell belongs to, -1 for none."""
-    face = np.full(len(cells), -1)
-    for label in range(most_planes):
-        free = np.flatnonzero(flat & (face < 0))
-        if len(free) < least_cells:
+    face, left, label = np.full(len(cells), -1), flat.copy(), 0
+    for _ in range(2 * most_planes):
+        free = np.flatnonzero(left)
+        if len(free) < least_cells or label == most_planes:
             break
         normal, offset = _best_candidate(cells[free], normals[free], tolerance_m)
-        for _ in range(_REFITS):
-            members = free[_on_plane(cells[free], normals[free], normal, offset, tolerance_m)]
+        for widening in _WIDENINGS:
+            members = free[_on_plane(cells[free], normals[free], normal, offset, widening * tolerance_m)]
             if len(members) < least_cells:
-                return face
+                break
             centre = cells[members].mean(axis=0)
             normal = np.linalg.eigh(np.cov((cells[members] - centre).T))[1][:, 0]
             offset = float(normal @ centre)
-        face[members] = label
-        face[(face < 0) & _on_plane(cells, normals, normal, offset, tolerance_m)] = label
+        left[members] = False  # also if they are too few: another candidate has its turn
+        if len(members) >= least_cells:
+            face[(face < 0) & _on_plane(cells, normals, normal, offset, tolerance_m)] = label
+            label += 1
     return face
 
 
@@ -129,8 +139,7 @@ def _best_candidate(
     picked = np.unique(np.linspace(0, len(cells) - 1, _CANDIDATES).astype(int))
     offsets = np.einsum("ij,ij->i", cells[picked], normals[picked])
     sample = slice(None, None, max(1, len(cells) // 4000))
-    # A local normal is out by a degree or so: the first tolerance is wide, the refits narrow it.
-    close = np.abs(cells[sample] @ normals[picked].T - offsets) < 3 * tolerance_m
+    close = np.abs(cells[sample] @ normals[picked].T - offsets) < _WIDENINGS[0] * tolerance_m
     alike = np.abs(normals[sample] @ normals[picked].T) > _MOST_NORMAL_TILT
     best = int((close & alike).sum(axis=0).argmax())
     return normals[picked[best]], float(offsets[best])

@@ -67,7 +67,7 @@ class Line:
     inlier_share: float
     """Of the points offered."""
 
-    def z_at(self, x_m: Float[np.ndarray, "*n"] | float) -> Float[np.ndarray, "*n"]:
+    def z_at(self, x_m: float) -> float:
         """z of the line (m)."""
         return self.height_m + self.slope * (x_m - self.origin_m)
 

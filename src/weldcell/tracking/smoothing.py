@@ -9,7 +9,7 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 
 _DEGREE = 3
 _POINTS_A_KNOT = 4
-_MOST_INTERVALS = 80
+_MOST_INTERVALS = 60
 _PENALTY_ORDER = 3  # quadratics are free: the curve is not drawn straight at its ends
 _LEAST_SMOOTHNESS = 1e-4  # of the penalty, against the data: knots in a gap without points stay determined
 _SMOOTHNESS = np.append(0.0, np.logspace(-4, 14, 73))
@@ -62,9 +62,12 @@ def smooth_curve(
 
 
 def _knots(parameter: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:
+    """Even knots, going on beyond both ends: only so are the penalty's free curves the quadratics."""
     intervals = int(np.clip(len(parameter) // _POINTS_A_KNOT, 1, _MOST_INTERVALS))
-    inner = np.linspace(parameter.min(), parameter.max(), intervals + 1)
-    return np.concatenate([np.full(_DEGREE, inner[0]), inner, np.full(_DEGREE, inner[-1])])
+    start, end = parameter.min(), parameter.max()
+    knots = start + (end - start) / intervals * np.arange(-_DEGREE, intervals + _DEGREE + 1)
+    knots[[_DEGREE, -_DEGREE - 1]] = start, end  # exactly, or rounding leaves an end point outside
+    return knots
 
 
 def _first_weight(parameter: Float[np.ndarray, "n"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:

@@ -30,13 +30,13 @@ _SHORTEST_PIECE = 5
 _SPECKLE_TRIPLES = 60
 
 
-def find_stripe(image: UInt8[np.ndarray, "height width"], *, speckle_contrast: float | None = None) -> Stripe:
+def find_stripe(image: np.ndarray, *, speckle_contrast: float | None = None) -> Stripe:
     """The strongest stripe of each column; columns without a clear one are left out.
 
-    The centre is the fixed point of a centroid in a smooth window: the window is symmetric about the estimate
-    itself, so neither its rounding nor an even background can pull it. `sigma_px` follows from the picture's noise
-    and from the speckle contrast (standard deviation over mean of one pixel's brightness), which is measured on
-    the stripe's own roughness unless it is given.
+    `image` has 8 bits and one channel (BadInput otherwise). The centre is the fixed point of a centroid in a smooth
+    window: the window is symmetric about the estimate itself, so neither its rounding nor an even background can
+    pull it. `sigma_px` follows from the picture's noise and from the speckle contrast (standard deviation over mean
+    of one pixel's brightness), which is measured on the stripe's own roughness unless it is given.
     """
     if image.ndim != 2 or image.dtype != np.uint8:
         raise BadInput(f"stripe: expected a grey picture of 8 bits, found shape {image.shape}, type {image.dtype}")

@@ -112,7 +112,7 @@ def _explained_points(section: Section, four: tuple[Piece, ...]) -> int:
 def _turns_like_v(angles: Sequence[float]) -> bool:
     """Down at the left edge, up at the root, level again at the right edge."""
     left_turn, root_turn, right_turn = np.diff(angles)
-    return (
+    return bool(
         left_turn >= _LEAST_EDGE_TURN_RAD
         and root_turn <= -_LEAST_ROOT_TURN_RAD
         and right_turn >= _LEAST_EDGE_TURN_RAD

@@ -8,7 +8,6 @@ profile, in the light plane), `texts`, `events`, `stage`. Timelines: `frame` (nu
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 import mujoco
 import numpy as np
@@ -52,7 +51,7 @@ class Recording:
         if self._stream:
             self._stream.keep("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Recording":
         return self
 
     def __exit__(
@@ -149,19 +148,21 @@ class Recording:
         if self._shots % self.config.picture_every == 0:
             for entity, what in shots.drawn_picture(shot.image, self.config.jpeg_quality, stripe, joint, sensor):
                 self._stream.log(frame, shot.time_s, entity, what)
-        if profile is not None:
-            self._log_profile(frame, shot.time_s, profile, T_base_camera, sensor)
-        if joint is not None:
-            self._log_joint(frame, shot.time_s, joint, T_base_camera, sensor)
+        for entity, what in shots.drawn_profile(profile, joint, sensor):
+            self._stream.log(frame, shot.time_s, entity, what)
+        for name, points_base, what in shots.drawn_in_base(profile, joint, T_base_camera, sensor):
+            self._accumulate(frame, shot.time_s, name, points_base, what)
+        if joint is not None and not joint.valid:
+            self.log_event(f"no joint found: {joint.reason}", frame=frame, time_s=shot.time_s, warning=True)
         self._shots += 1
         self._stage.shots += 1
 
     def log_touch(self, tip_base: Float[np.ndarray, "3"], *, frame: int, time_s: float) -> None:
         """The torch tip at one touch (m); all touches so far stay in view."""
         if self._stream:
-            self._stage.enclose(np.reshape(tip_base, (1, 3)))
-            point = rr.Points3D([tip_base], colors=palette.TOUCH, radii=7e-4)
-            self._accumulate(frame, time_s, "touches", point)
+            point_base = np.reshape(tip_base, (1, 3))
+            point = rr.Points3D(point_base, colors=palette.TOUCH, radii=7e-4)
+            self._accumulate(frame, time_s, "touches", point_base, point)
 
     def log_lines(
         self, kind: str, lines_base: Mapping[str, Float[np.ndarray, "n 3"]], *, frame: int, time_s: float
@@ -226,15 +227,16 @@ class Recording:
         for kind, name, vectors in errors:
             origins = np.broadcast_to(true_base[name], vectors.shape)
             arrows = rr.Arrows3D(vectors=factor * vectors, origins=origins, colors=colours[kind], radii=6e-4)
-            self._stream.log(
-                frame, time_s, f"checks/{self._stage.name}/{entity_name(kind)}/{entity_name(name)}", arrows
-            )
+            entity = f"checks/{self._stage.name}/{entity_name(kind)}/{entity_name(name)}"
+            self._stream.log(frame, time_s, entity, arrows)
 
     def log_text(self, name: str, markdown: str) -> None:
         """A page of text; the page `results` stands beside the view of the whole cell."""
         if self._stream:
+            name = entity_name(name)
             self._stream.keep(f"texts/{name}", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
-            self._contents.texts.append(name)
+            if name not in self._contents.texts:
+                self._contents.texts.append(name)
 
     def log_event(self, text: str, *, frame: int, time_s: float, warning: bool = False) -> None:
         """One line in the list of events."""
@@ -242,32 +244,14 @@ class Recording:
             level = rr.TextLogLevel.WARN if warning else rr.TextLogLevel.INFO
             self._stream.log(frame, time_s, "events", rr.TextLog(text, level=level))
 
-    def _log_profile(
-        self, frame: int, time_s: float, profile: Profile, T_base_camera: RigidTransform, sensor: DrawnSensor
+    def _accumulate(
+        self, frame: int, time_s: float, name: str, points_base: Float[np.ndarray, "n 3"], what: rr.AsComponents
     ) -> None:
-        assert self._stream
-        for entity, what in shots.drawn_profile(profile, sensor):
-            self._stream.log(frame, time_s, entity, what)
-        points_base, depth_mm = shots.profile_in_base(profile, T_base_camera, sensor)
-        self._stage.enclose(points_base)
-        self._accumulate(frame, time_s, "profile", shots.drawn_cloud(points_base, depth_mm, sensor))
-
-    def _log_joint(
-        self, frame: int, time_s: float, joint: JointFeatures, T_base_camera: RigidTransform, sensor: DrawnSensor
-    ) -> None:
-        assert self._stream
-        for entity, what in shots.drawn_features(joint, sensor):
-            self._stream.log(frame, time_s, entity, what)
-        for name, point in shots.features_in_base(joint, T_base_camera):
-            self._accumulate(frame, time_s, f"features/{name}", point)
-        if not joint.valid:
-            self.log_event(f"no joint found: {joint.reason}", frame=frame, time_s=time_s, warning=True)
-
-    def _accumulate(self, frame: int, time_s: float, name: str, what: rr.AsComponents) -> None:
         """Writes one moment's part of something that is seen as a whole."""
         assert self._stream
         entity = f"points/{self._stage.name}/{name}"
         self._stage.accumulated.add(entity)
+        self._stage.enclose(points_base)
         self._stream.log(frame, time_s, entity, what)
 
     def _motion_log(self) -> MotionLog:

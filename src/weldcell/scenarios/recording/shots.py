@@ -38,43 +38,36 @@ def drawn_picture(
     yield f"{PICTURE}/features", _features_2d(pixels, names)
 
 
-def drawn_profile(profile: Profile, sensor: DrawnSensor) -> Drawn:
-    """The profile in the light plane."""
-    points_mm = sensor.profile_mm(profile.points_camera[profile.valid][::_EVERY_PROFILE_POINT])
+def drawn_profile(profile: Profile | None, joint: JointFeatures | None, sensor: DrawnSensor) -> Drawn:
+    """Profile and features in the light plane; what was not found wipes out that of the picture before."""
+    points_mm = sensor.profile_mm(_thinned(profile))
     yield "profile/points", rr.Points2D(points_mm, colors=palette.PROFILE, radii=rr.Radius.ui_points(1.2))
-
-
-def drawn_cloud(
-    points_base: Float[np.ndarray, "n 3"], depth_mm: Float[np.ndarray, "n"], sensor: DrawnSensor
-) -> rr.Points3D:
-    """The profile in the base, coloured by depth over the sensor's measuring range."""
-    near, far = np.nanmin(sensor.range_mm[:, 1]), np.nanmax(sensor.range_mm[:, 1])
-    colours = palette.depth_colours(-depth_mm, -far, -near)
-    return rr.Points3D(points_base.astype(np.float32), colors=colours, radii=rr.Radius.ui_points(1.0))
-
-
-def profile_in_base(
-    profile: Profile, T_base_camera: RigidTransform, sensor: DrawnSensor
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-    """Every second valid point in the base (m), and its depth along the light (mm)."""
-    points_camera = profile.points_camera[profile.valid][::_EVERY_PROFILE_POINT]
-    if len(points_camera) == 0:
-        return np.zeros((0, 3)), np.zeros(0)
-    return T_base_camera.apply(points_camera), sensor.profile_mm(points_camera)[:, 1]
-
-
-def drawn_features(joint: JointFeatures | None, sensor: DrawnSensor) -> Drawn:
-    """The joint's features in the light plane; none wipes out those of the picture before."""
     names, points_camera = _found(joint)
     yield "profile/features", _features_2d(sensor.profile_mm(points_camera), names)
 
 
-def features_in_base(joint: JointFeatures, T_base_camera: RigidTransform) -> Iterator[tuple[str, rr.Points3D]]:
-    """Each feature that was found, as one point in the base."""
+def drawn_in_base(
+    profile: Profile | None, joint: JointFeatures | None, T_base_camera: RigidTransform, sensor: DrawnSensor
+) -> Iterator[tuple[str, Float[np.ndarray, "n 3"], rr.Points3D]]:
+    """Profile (coloured by depth over the measuring range) and features that were found: name, points, drawing."""
+    points_camera = _thinned(profile)
+    if len(points_camera):
+        points_base = T_base_camera.apply(points_camera)
+        near, far = np.nanmin(sensor.range_mm[:, 1]), np.nanmax(sensor.range_mm[:, 1])
+        colours = palette.depth_colours(-sensor.profile_mm(points_camera)[:, 1], -far, -near)
+        cloud = rr.Points3D(points_base.astype(np.float32), colors=colours, radii=rr.Radius.ui_points(1.0))
+        yield "profile", points_base, cloud
     names, points_camera = _found(joint)
     for name, point_camera, colour in zip(names, points_camera, palette.named_colours(names), strict=True):
-        point_base = T_base_camera.apply(point_camera)
-        yield entity_name(name), rr.Points3D([point_base], colors=colour, radii=rr.Radius.ui_points(2.0))
+        point_base = T_base_camera.apply(point_camera)[None]
+        point = rr.Points3D(point_base, colors=colour, radii=rr.Radius.ui_points(2.0))
+        yield f"features/{entity_name(name)}", point_base, point
+
+
+def _thinned(profile: Profile | None) -> Float[np.ndarray, "n 3"]:
+    if profile is None:
+        return np.zeros((0, 3))
+    return profile.points_camera[profile.valid][::_EVERY_PROFILE_POINT]
 
 
 def _found(joint: JointFeatures | None) -> tuple[list[str], Float[np.ndarray, "k 3"]]:

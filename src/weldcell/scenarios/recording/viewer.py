@@ -20,6 +20,7 @@ from weldcell.scenarios.recording.reading import check_recording
 _LOOPBACK = "127.0.0.1"
 _QUIET = {"CI": "1"}  # rerun's own switch that stops its usage statistics
 _POLL_S = 0.1
+_FALL_S = 2.0
 _STILL_S = 0.5  # a view that stays the same for so long is done: pictures are decoded, views laid out
 
 NO_GRAPHICS = (
@@ -73,7 +74,7 @@ class HeadlessViewer:
                 viewer._load(link)
                 yield viewer
             except (RuntimeError, ConnectionError) as error:  # what the bindings raise
-                raise WeldcellError(f"snapshot: rerun's viewer failed: {error}") from error
+                raise WeldcellError(f"snapshot: {_failure(process, Path(log.name), error)}") from error
             finally:
                 _end(process)
 
@@ -159,6 +160,14 @@ def _connect(port: int, process: "subprocess.Popen[str]", deadline_s: float, log
             if time.monotonic() > deadline_s:
                 raise WeldcellError(f"snapshot: rerun's viewer did not answer in time: {error}") from error
             time.sleep(_POLL_S)
+
+
+def _failure(process: "subprocess.Popen[str]", log: Path, error: Exception) -> str:
+    try:
+        process.wait(timeout=_FALL_S)  # it may answer once more while it is falling over
+    except subprocess.TimeoutExpired:
+        return f"rerun's viewer failed: {error}"
+    return _reason(log.read_text(errors="replace"))
 
 
 def _reason(log: str) -> str:
