@@ -75,6 +75,52 @@ def test_the_sensors_own_head_is_not_rendered(scene, camera, overhead):
         assert renderer.render(data, overhead()).max() == 0
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_leaving_out_and_ordering_geoms_changes_no_pixel(scene, monkeypatch, seed):
+    """Random solids all around, many cut by the picture's border, seen from random poses near and far."""
+    rng = np.random.default_rng(seed)
+    kinds = {"sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "mesh": 0}
+    world = '<geom type="plane" size="0 0 1" pos="0 0 -.4" rgba=".5 .6 .4 1"/><light pos="0 0 3"/>'
+    for number in range(120):
+        kind = list(kinds)[number % 6]
+        size = " ".join(f"{x:.4f}" for x in rng.uniform(0.005, 0.06, kinds[kind]))
+        shape = f'size="{size}"' if kinds[kind] else 'mesh="wedge"'
+        place = " ".join(f"{x:.4f}" for x in rng.uniform(-0.4, 0.4, 3))
+        turn = " ".join(f"{x:.1f}" for x in rng.uniform(-180, 180, 3))
+        colour = " ".join(f"{x:.3f}" for x in rng.uniform(0.2, 1, 3)) + (" .5" if number % 10 == 0 else " 1")
+        world += f'<geom type="{kind}" {shape} pos="{place}" euler="{turn}" rgba="{colour}" group="{number % 3}"/>'
+    model, data = scene(world, '<mesh name="wedge" vertex="0 0 0  .15 0 0  0 .02 0  0 0 .05  .1 .05 .05"/>')
+    lens = (-0.3, 0.1, 2e-3, -3e-3, 0.05) if seed % 2 else (0.0,) * 5
+    poses = [rigid_from(Rotation.random(rng=rng), reach * rng.normal(size=3)) for reach in (0.05, 0.1, 0.3, 0.6) * 2]
+    with AmbientRenderer(model, camera_of(distortion=lens), 255.0) as renderer:
+        fast = [renderer.render(data, pose) for pose in poses]
+        counts = [np.count_nonzero(_geoms_in_view(renderer, model, data, pose)) for pose in poses]
+        monkeypatch.setattr(ambient, "_in_view", lambda model, *_: np.ones(model.ngeom, bool))
+        renderer._layers[:] = 0  # as MuJoCo orders them
+        plain = [renderer.render(data, pose) for pose in poses]
+    assert min(counts) < 60  # much is left out
+    assert np.mean([picture.std() > 5 for picture in plain]) > 0.5  # there is something to see
+    for one, other in zip(fast, plain, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def _geoms_in_view(renderer, model, data, pose):
+    return ambient._in_view(model, data, pose.translation, pose.rotation.as_matrix(), renderer._pinhole)
+
+
+def test_a_geom_that_only_its_corner_brings_into_the_picture_is_drawn(scene, overhead):
+    """A long thin box whose centre and both ends are out of view, across a corner of the picture."""
+    camera = camera_of(principal_px=(319.5, 239.5), focal_px=(1500.0, 1500.0))
+    T_base_camera = overhead()
+    middle = 0.275 * camera.unproject(np.array([[-2.0, 470.0]]))[0]
+    centre = T_base_camera.apply(middle)
+    quat = T_base_camera.rotation.as_quat(scalar_first=True)
+    world = '<body pos="{} {} {}" quat="{} {} {} {}"><geom type="box" size=".0006 .2 .0006" material="m" {}/></body>'
+    model, data = scene(world.format(*centre, *quat, 'euler="0 0 10"'), MARKS)
+    with AmbientRenderer(model, camera, 255.0) as renderer:
+        assert (renderer.render(data, T_base_camera) > 200).sum() > 20
+
+
 def test_rendering_changes_neither_model_nor_data(scene, camera, overhead):
     model, data = scene('<geom size=".01"/><camera pos="1 0 0"/>')
     before_quality = (model.vis.quality.offsamples, model.vis.global_.offwidth, model.vis.quality.shadowsize)

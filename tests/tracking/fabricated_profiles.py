@@ -98,3 +98,19 @@ def boss_scan(*, frames=150, columns=1000, half_m=0.06, noise_m=0.0, frame_noise
     if frame_noise_m:
         points += rng.normal(0, frame_noise_m, (frames, 1, 3))
     return points.reshape(-1, 3)
+
+
+def picture_of_corners(corners, camera, plane, *, peak_grey=110.0, sigma_px=1.6, contrast=0.45, noise_grey=1.5, rng):
+    """The noisy picture of a polyline's stripe: brightness falls off with the distance from it, plates at 18 grey."""
+    points_laser = np.column_stack([corners[:, 0], np.zeros(len(corners)), corners[:, 1]])
+    pixels = camera.project(plane.T_camera_laser.apply(points_laser))
+    columns, rows = np.arange(camera.width_px), np.arange(camera.height_px)[:, None]
+    squared = np.full((camera.height_px, camera.width_px), np.inf, dtype=np.float32)
+    for start, end in zip(pixels[:-1], pixels[1:], strict=True):
+        (du, dv), length2 = end - start, np.sum((end - start) ** 2)
+        along = np.clip(((columns - start[0]) * du + (rows - start[1]) * dv) / length2, 0, 1)
+        distance2 = (columns - start[0] - along * du) ** 2 + (rows - start[1] - along * dv) ** 2
+        squared = np.minimum(squared, distance2.astype(np.float32))
+    light = peak_grey * np.exp(-squared / (2 * sigma_px**2)) * rng.gamma(contrast**-2, contrast**2, squared.shape)
+    ambient = np.where((columns > pixels[0, 0]) & (columns < pixels[-1, 0]), 18.0, 4.0)
+    return np.clip(np.rint(light + ambient + rng.normal(0, noise_grey, light.shape)), 0, 255).astype(np.uint8)

@@ -28,7 +28,8 @@ def _profile(corners, noise_px=0.0, rng=None, change=lambda stripe: stripe):
 
 
 def _corners_of(features):
-    return PLANE.T_camera_laser.inv().apply(features.points_camera)[:, [0, 2]]
+    """In the laser frame, by rising x: from the right edge to the left one."""
+    return PLANE.T_camera_laser.inv().apply(features.points_camera)[::-1, [0, 2]]
 
 
 def _strays(share, span_px, rng):
@@ -64,7 +65,7 @@ def test_corners_scatter_as_predicted(groove):
     assert all(one.valid for one in features)
     errors = np.array([_corners_of(one) for one in features]) - corners[1:4]
     actual_m = np.sqrt((errors**2).sum(axis=2).mean(axis=0))
-    predicted_m = np.mean([one.sigma_m for one in features], axis=0)
+    predicted_m = np.mean([one.sigma_m[::-1] for one in features], axis=0)
     assert np.all(np.abs(np.log(actual_m / predicted_m)) < np.log(1.4))  # 60 draws fix a ratio to 13 %, three sigma
     assert np.all(np.abs(errors.mean(axis=0)).max(axis=1) < 4 * predicted_m / np.sqrt(60))  # no bias
 
@@ -97,9 +98,10 @@ def test_a_hidden_part_does_not_matter(hidden):
     assert np.linalg.norm(_corners_of(features) - corners[1:4], axis=1).max() < 2e-5  # m; 5 sigma
 
 
-def test_left_is_the_side_of_smaller_camera_x():
+def test_left_is_left_of_the_travel_which_the_camera_looks_back_on():
+    # Torch frame: x travel, z down, hence y to the right; camera x is -y of the torch, so left has the larger x.
     features = find_joint(_profile(v_corners(z_m=0.155)), "v", PLANE)
-    assert np.all(np.diff(features.points_camera[:, 0]) > 0)
+    assert np.all(np.diff(features.points_camera[:, 0]) < 0)
 
 
 def test_a_mirrored_profile_swaps_left_and_right():

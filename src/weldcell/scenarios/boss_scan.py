@@ -12,6 +12,7 @@ from weldcell.tracking.boss import BossMeasure, measure_boss
 from weldcell.tracking.planes import fit_planes
 
 _MARGIN_M = 0.012  # of the base slab that is scanned before and behind the slopes
+_CELL_M = 1e-3  # of the cloud's grid; never finer than the scan lines
 _COLUMN_STEP = 2  # every other column: neighbouring stripe centres share their blur, so little is lost
 
 
@@ -32,7 +33,8 @@ def scan_boss(station: Station, alignment: Alignment) -> BossMeasure:
         for sight in scan(station, path, "boss", first_index=number * frames):
             station.log_sight(sight, alignment.T_flange_camera)
             cloud.append(_points_base(sight, alignment))
-    measure = measure_boss(fit_planes(np.concatenate(cloud)))
+    spacing_m = float(np.linalg.norm(path.points_base[1] - path.points_base[0]))
+    measure = measure_boss(fit_planes(np.concatenate(cloud), cell_m=max(_CELL_M, spacing_m)))
     if not measure.valid:
         raise JobFailed(f"boss: {measure.reason}")
     return measure

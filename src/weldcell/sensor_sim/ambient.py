@@ -4,8 +4,12 @@ The only module that knows that MuJoCo's camera axes (x right, y up, z back) dif
 
 The view is set in MuJoCo's drawn scene, not in the model: the model needs no camera, and the pose and intrinsics of the
 actual camera can differ from anything that was compiled.
+
+Rendered in software, time goes into filling pixels, so geoms out of view are left out and small ones are drawn first:
+what they hide of the large ones behind is then never shaded. Neither changes a pixel.
 """
 
+import copy
 import os
 import sys
 import weakref
@@ -15,7 +19,7 @@ from typing import Self
 import cv2
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import RigidTransform
 
@@ -25,6 +29,13 @@ from weldcell.cell.optics import CameraModel
 _NEAR_M, _FAR_M = 0.01, 20.0
 _KNOT_SPACING_PX = 16  # of the lens's map; cubic splines between are right to 1e-6 px
 _HEAD_GROUP = 3
+_LEFT_OUT_GROUP = mujoco.mjNGROUP - 1
+_BOXED = tuple(
+    getattr(mujoco.mjtGeom, f"mjGEOM_{kind}").value
+    for kind in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
+)
+"""Kinds of geoms that lie within their bounding boxes; planes have none."""
+_BOX_MARGIN = 1e-4  # of the box, and metres: a tenth of a pixel's view is 1e-5 m
 _MOST_GEOMS = 10_000  # mujoco.Renderer's own limit
 _LARGEST_PX = 16_384  # what OpenGL drivers offer; a picture this large means a distortion gone wild
 
@@ -35,21 +46,21 @@ GRAPHICS_HELP = (
 
 
 class AmbientRenderer:
-    """Renders grey pictures through the camera's lens; use it in a `with` block, or call `close`."""
+    """Renders grey pictures of a model as it was when the renderer was made; use it in a `with` block."""
 
     def __init__(self, model: mujoco.MjModel, camera: CameraModel, white_grey: float) -> None:
         """`white_grey` is the grey level of what MuJoCo renders as full white.
 
         Raises NotReady, naming the missing packages, where there is no OpenGL.
         """
-        self._model = model
+        self._model = copy.copy(model)  # whose geom groups say what is drawn when
+        self._layers = _layers(model)
         self._white_grey = white_grey
         self._pinhole, self._warp = _lens(camera)
         self._scene = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             self._scene.flags[flag] = 0
-        self._options = mujoco.MjvOption()
-        self._options.geomgroup[_HEAD_GROUP] = 0
+        self._shown = model.geom_group < _HEAD_GROUP  # as MuJoCo draws by default, without the sensor's head
         self._rgb = np.empty((self._pinhole.height_px, self._pinhole.width_px, 3), np.uint8)
         graphics = _open_graphics(model, self._pinhole.width_px, self._pinhole.height_px)
         self._gl_context, self._buffers = graphics
@@ -75,8 +86,7 @@ class AmbientRenderer:
         """
         if not self._finalizer.alive:
             raise NotReady("ambient picture: the renderer is closed")
-        _, down_base, forward_base = T_base_camera.rotation.as_matrix().T
-        self._look(data, T_base_camera.translation, forward_base, -down_base)
+        self._look(data, T_base_camera)
         self._gl_context.make_current()
         whole = mujoco.MjrRect(0, 0, self._pinhole.width_px, self._pinhole.height_px)
         mujoco.mjr_render(whole, self._scene, self._buffers)
@@ -85,32 +95,68 @@ class AmbientRenderer:
         distorted = cv2.remap(grey, *self._warp, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return distorted * np.float32(self._white_grey / 255)
 
-    def _look(
-        self,
-        data: mujoco.MjData,
-        centre_base: Float[np.ndarray, "3"],
-        forward_base: Float[np.ndarray, "3"],
-        up_base: Float[np.ndarray, "3"],
-    ) -> None:
+    def _look(self, data: mujoco.MjData, T_base_camera: RigidTransform) -> None:
         """Draw the scene with the view at the camera.
 
         A free camera first, which places the headlight and endless planes; it cannot roll or look off-centre, so the
         exact view replaces it.
         """
+        centre_base, R_base_camera = T_base_camera.translation, T_base_camera.rotation.as_matrix()
+        _, down_base, forward_base = R_base_camera.T
         free = mujoco.MjvCamera()
         free.type = mujoco.mjtCamera.mjCAMERA_FREE
         free.distance = 1.0
         free.lookat = centre_base + forward_base
         free.azimuth = np.rad2deg(np.arctan2(forward_base[1], forward_base[0]))
         free.elevation = np.rad2deg(np.arcsin(np.clip(forward_base[2], -1, 1)))
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(self._model, data, self._options, None, free, everything, self._scene)
+        self._draw(data, free, _in_view(self._model, data, centre_base, R_base_camera, self._pinhole))
         left, right, bottom, top = _frustum(self._pinhole)
         for view in self._scene.camera:  # left and right eye
-            view.pos, view.forward, view.up = centre_base, forward_base, up_base
+            view.pos, view.forward, view.up = centre_base, forward_base, -down_base
             view.frustum_near, view.frustum_far = _NEAR_M, _FAR_M
             view.frustum_bottom, view.frustum_top = bottom, top
             view.frustum_center, view.frustum_width = ((left + right) / 2, (right - left) / 2)  # half the width
+
+    def _draw(self, data: mujoco.MjData, free: mujoco.MjvCamera, in_view: Bool[np.ndarray, "geoms"]) -> None:
+        """Fill the drawn scene, geoms layer by layer."""
+        self._model.geom_group[:] = np.where(in_view & self._shown, self._layers, _LEFT_OUT_GROUP)
+        everything, options = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.MjvOption()
+        options.geomgroup[:] = np.arange(mujoco.mjNGROUP) == 0
+        mujoco.mjv_updateScene(self._model, data, options, None, free, everything, self._scene)
+        for groups in (options.sitegroup, options.jointgroup, options.tendongroup, options.actuatorgroup):
+            groups[:] = 0  # drawn once is enough
+        for groups in (options.skingroup, options.flexgroup):
+            groups[:] = 0
+        for layer in range(1, _LEFT_OUT_GROUP):
+            options.geomgroup[:] = np.arange(mujoco.mjNGROUP) == layer
+            mujoco.mjv_addGeoms(self._model, data, options, mujoco.MjvPerturb(), everything, self._scene)
+
+
+def _layers(model: mujoco.MjModel) -> Int[np.ndarray, "geoms"]:
+    """Which geoms are drawn when: small ones, which stand in front, before large ones, and endless ones last."""
+    endless = ~np.isin(model.geom_type, _BOXED)
+    rank = np.argsort(np.argsort(np.where(endless, np.inf, model.geom_rbound), kind="stable"))
+    last = _LEFT_OUT_GROUP - 1
+    return np.where(endless, last, np.minimum(rank * last // max(int((~endless).sum()), 1), last - 1))
+
+
+def _in_view(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    centre_base: Float[np.ndarray, "3"],
+    R_base_camera: Float[np.ndarray, "3 3"],
+    pinhole: CameraModel,
+) -> Bool[np.ndarray, "geoms"]:
+    """Whether a geom's bounding box may reach into the picture: it is not wholly beyond one of the picture's sides."""
+    left, right, bottom, top = (side / _NEAR_M for side in _frustum(pinhole))
+    inward_camera = np.array([[1, 0, -left], [-1, 0, right], [0, 1, top], [0, -1, -bottom], [0, 0, 1]])
+    inward_base = inward_camera @ R_base_camera.T
+    R_base_geom = data.geom_xmat.reshape(-1, 3, 3)
+    box_centre = data.geom_xpos + np.einsum("nij,nj->ni", R_base_geom, model.geom_aabb[:, :3]) - centre_base
+    half_sizes = model.geom_aabb[:, 3:] * (1 + _BOX_MARGIN) + _BOX_MARGIN
+    reach = np.einsum("pi,nij,nj->pnj", inward_base, R_base_geom, half_sizes)
+    farthest_in = inward_base @ box_centre.T + np.abs(reach).sum(axis=2)
+    return np.all(farthest_in >= 0, axis=0) | ~np.isin(model.geom_type, _BOXED)
 
 
 def _frustum(pinhole: CameraModel) -> tuple[float, float, float, float]:

@@ -17,6 +17,7 @@ from weldcell.sensor_sim.mujoco_rays import MujocoRays
 from weldcell.sensor_sim.solid_rays import SOLIDS, solid_hits
 
 _MARGIN = 1e-4  # of a bounding sphere's radius: far above single precision's rounding
+_ENDLESS_M = 1e30  # infinity would do as well, but for its warnings
 
 
 class EmbreeRays:
@@ -24,6 +25,9 @@ class EmbreeRays:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
+        plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self._radius_m = np.where(plane, np.inf, model.geom_rbound * (1 + _MARGIN))
+        self._small_first = np.argsort(self._radius_m, kind="stable")  # what stands on the table shortens its rays
         self._device = EmbreeDevice()
         self._meshes: dict[int, _Mesh] = {}
         self._others: MujocoRays | None = None
@@ -39,16 +43,15 @@ class EmbreeRays:
         kinds = self._model.geom_type
         known = np.isin(kinds, (*SOLIDS, mujoco.mjtGeom.mjGEOM_MESH))
         distance_m, normals, geom_id = self._by_mujoco(data, chosen & ~known, origin, directions)
-        for geom in np.flatnonzero(chosen & known):
-            radius_m = self._model.geom_rbound[geom] if kinds[geom] != mujoco.mjtGeom.mjGEOM_PLANE else np.inf
-            entry_m = _sphere_entry(origin, directions, data.geom_xpos[geom], radius_m * (1 + _MARGIN))
+        for geom in self._small_first[(chosen & known)[self._small_first]]:
+            entry_m = _sphere_entry(origin, directions, data.geom_xpos[geom], self._radius_m[geom])
             rays = np.flatnonzero(entry_m < distance_m)
             if len(rays) == 0:
                 continue
             R_base_geom = data.geom_xmat[geom].reshape(3, 3)
-            met_m, normals_geom = self._meet(
-                geom, (origin - data.geom_xpos[geom]) @ R_base_geom, directions[rays] @ R_base_geom, entry_m[rays]
-            )
+            origin_geom = (origin - data.geom_xpos[geom]) @ R_base_geom
+            stretch = entry_m[rays], distance_m[rays]
+            met_m, normals_geom = self._meet(geom, origin_geom, directions[rays] @ R_base_geom, *stretch)
             nearer = met_m < distance_m[rays]
             rays = rays[nearer]
             distance_m[rays] = met_m[nearer]
@@ -62,14 +65,17 @@ class EmbreeRays:
         origin_geom: Float[np.ndarray, "3"],
         directions_geom: Float[np.ndarray, "n 3"],
         entry_m: Float[np.ndarray, "n"],
+        end_m: Float[np.ndarray, "n"],
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
-        """Distances (infinite for a miss) and outward normals on one geom, in its frame."""
+        """Distances (infinite for a miss) and outward normals on one geom, in its frame; what lies beyond `end_m` may
+        be missed.
+        """
         if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
             return solid_hits(self._model.geom_type[geom], self._model.geom_size[geom], origin_geom, directions_geom)
         mesh = int(self._model.geom_dataid[geom])
         if mesh not in self._meshes:
             self._meshes[mesh] = _Mesh(self._model, mesh, self._device)
-        return self._meshes[mesh].hits(origin_geom, directions_geom, entry_m)
+        return self._meshes[mesh].hits(origin_geom, directions_geom, entry_m, end_m)
 
     def _by_mujoco(
         self,
@@ -100,15 +106,21 @@ class _Mesh:
         kept = doubled_area > 0  # what has no area covers nothing
         self._corners = corners[kept]
         self._normals = normals[kept] / doubled_area[kept, None]
+        self._radius_m = float(np.linalg.norm(vertices, axis=1).max())
         self._scene = EmbreeScene(device, robust=True)
         TriangleMesh(self._scene, self._corners.astype(np.float32))
 
     def hits(
-        self, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"], entry_m: Float[np.ndarray, "n"]
+        self,
+        origin: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "n 3"],
+        entry_m: Float[np.ndarray, "n"],
+        end_m: Float[np.ndarray, "n"],
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
-        """Distances (infinite for a miss) and outward normals; rays are followed from `entry_m` on."""
+        """Distances (infinite for a miss) and outward normals; rays run from `entry_m` to a little past `end_m`."""
         starts = origin + entry_m[:, None] * directions
-        triangle = self._scene.run(starts.astype(np.float32), directions.astype(np.float32))
+        longest_m = np.minimum(end_m - entry_m + _MARGIN * self._radius_m, _ENDLESS_M).astype(np.float32)
+        triangle = self._scene.run(starts.astype(np.float32), directions.astype(np.float32), longest_m)
         hit = np.flatnonzero(triangle >= 0)
         distance_m, normals = np.full(len(directions), np.inf), np.full((len(directions), 3), np.nan)
         normals[hit] = self._normals[triangle[hit]]

@@ -115,7 +115,7 @@ def _tracer(backend: Backend, model: mujoco.MjModel) -> _Tracer:
     if backend != "embree":
         raise BadGeometry(f"rays: unknown backend {backend!r}. Available: embree, mujoco")
     try:
-        from weldcell.sensor_sim.embree_rays import EmbreeRays  # noqa: PLC0415  embreex has no wheel for every machine
+        from weldcell.sensor_sim.embree_rays import EmbreeRays  # not at the top: there is no wheel for 64-bit ARM
     except ImportError as error:
         raise NotReady(f"rays: Embree is not available ({error}); pip install embreex, or use MuJoCo's rays") from error
     return EmbreeRays(model)

@@ -17,11 +17,11 @@ class JointKind:
     """How one kind of joint is found."""
 
     names: tuple[str, ...]
-    """Its features, from left to right."""
+    """Its features, from left to right of the travel."""
     anchor: str
     """The feature that a tracker follows: the last frame's one gates the next."""
     find: Callable[[Section, float | None], Found]
-    """From a section and x of the last frame's anchor (m, laser frame; None: no last frame) to its corners."""
+    """From a section and x of the last anchor (m, laser frame; None: no last frame) to its corners, by rising x."""
 
 
 JOINT_KINDS = {
@@ -35,8 +35,8 @@ def find_joint(
 ) -> JointFeatures:
     """The joint's features in the camera frame; `valid` is False, with the reason, where there is no such joint.
 
-    Left is smaller x of the laser frame, which is the camera's x. A sensor that travels along the torch's +x looks
-    back at the torch, so that camera x is -y of the torch: left is then the side of +y_torch, left of the travel.
+    Left is left of the travel. The sensor travels along the torch's +x and looks back at the torch: with the torch's z
+    down, its y points to the right, the camera's x is -y of the torch, and left has the larger x in the laser frame.
     `previous` is what this function gave for the frame before; joints far away from it don't count.
 
     Raises BadInput for a kind that is not known.
@@ -49,11 +49,12 @@ def find_joint(
     found = joint.find(section_of(profile, plane), _anchor_x(joint, plane, previous))
     if not found.corners:
         return _invalid(joint, found.reason)
-    points_laser = np.array([[corner.x_m, 0.0, corner.z_m] for corner in found.corners])
+    leftmost_first = found.corners[::-1]  # they come by rising x
+    points_laser = np.array([[corner.x_m, 0.0, corner.z_m] for corner in leftmost_first])
     return JointFeatures(
         names=joint.names,
         points_camera=plane.T_camera_laser.apply(points_laser),
-        sigma_m=np.array([corner.sigma_m for corner in found.corners]),
+        sigma_m=np.array([corner.sigma_m for corner in leftmost_first]),
         valid=True,
     )
 

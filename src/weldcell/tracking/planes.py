@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 _NEIGHBOURS = 20  # cells that give a cell its normal
 _STRAY_SHARE = 0.4  # cells with fewer points than this share of the usual number hold strays
 _CANDIDATES = 256
-_MOST_NORMAL_TILT = np.cos(np.deg2rad(15))
+_LEAST_NORMAL_COSINE = np.cos(np.deg2rad(15))
 _FLAT_SHARE = 0.02  # least eigenvalue over the sum: larger is an edge
 _NORMAL_ROUNDS = 3
 _LEAST_PATCH_SHARE = 0.6
@@ -140,7 +140,7 @@ def _best_candidate(
     offsets = np.einsum("ij,ij->i", cells[picked], normals[picked])
     sample = slice(None, None, max(1, len(cells) // 4000))
     close = np.abs(cells[sample] @ normals[picked].T - offsets) < _WIDENINGS[0] * tolerance_m
-    alike = np.abs(normals[sample] @ normals[picked].T) > _MOST_NORMAL_TILT
+    alike = np.abs(normals[sample] @ normals[picked].T) > _LEAST_NORMAL_COSINE
     best = int((close & alike).sum(axis=0).argmax())
     return normals[picked[best]], float(offsets[best])
 
@@ -152,7 +152,7 @@ def _on_plane(
     offset: float,
     tolerance_m: float,
 ) -> Bool[np.ndarray, "cells"]:
-    return (np.abs(cells @ normal - offset) < tolerance_m) & (np.abs(normals @ normal) > _MOST_NORMAL_TILT)
+    return (np.abs(cells @ normal - offset) < tolerance_m) & (np.abs(normals @ normal) > _LEAST_NORMAL_COSINE)
 
 
 def _clear_of_edges(tree: cKDTree, face: Int[np.ndarray, "cells"], edge_m: float) -> Bool[np.ndarray, "cells"]:

@@ -33,7 +33,7 @@ _GATE_M = 0.015  # the search window of commercial trackers
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """Corners in the laser frame, left to right, or the reason why there are none."""
+    """Corners in the laser frame, by rising x, or the reason why there are none."""
 
     corners: tuple[Corner, ...] = ()
     reason: str = ""
