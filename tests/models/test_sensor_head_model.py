@@ -36,10 +36,10 @@ def in_flange(points_camera):
 def test_camera_stands_where_the_design_says():
     T_torch_camera = T_FLANGE_TORCH.inv() * T_FLANGE_CAMERA
     root = np.sqrt(2)
-    np.testing.assert_allclose(T_torch_camera.translation, [0.060 + 0.275 / root, 0, -0.275 / root], atol=1e-12)
+    np.testing.assert_allclose(T_torch_camera.translation, [0.060 + 0.275 / root, 0, 0.025 - 0.275 / root], atol=1e-12)
     expected = np.array([[0, 1 / root, -1 / root], [-1, 0, 0], [0, 1 / root, 1 / root]])
     np.testing.assert_allclose(T_torch_camera.rotation.as_matrix(), expected, atol=1e-12)
-    np.testing.assert_allclose(T_torch_camera.apply(CROSSING_CAMERA), [0.060, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(T_torch_camera.apply(CROSSING_CAMERA), [0.060, 0, 0.025], atol=1e-12)
 
 
 def test_laser_source_lies_in_the_light_plane_above_the_crossing():
@@ -47,7 +47,7 @@ def test_laser_source_lies_in_the_light_plane_above_the_crossing():
     assert np.array([0, -1, 1]) @ LASER_SOURCE_CAMERA == pytest.approx(0.275, abs=1e-12)
     assert np.linalg.norm(CROSSING_CAMERA - LASER_SOURCE_CAMERA) == pytest.approx(0.275 / np.sqrt(2), abs=1e-12)
     source_torch = (T_FLANGE_TORCH.inv() * T_FLANGE_CAMERA).apply(LASER_SOURCE_CAMERA)
-    np.testing.assert_allclose(source_torch, [0.060, 0, -0.275 / np.sqrt(2)], atol=1e-12)
+    np.testing.assert_allclose(source_torch, [0.060, 0, 0.025 - 0.275 / np.sqrt(2)], atol=1e-12)
 
 
 def test_sites_are_camera_and_laser_source():

@@ -24,13 +24,15 @@ from weldcell.models.torch import T_FLANGE_TORCH
 
 LOOK_AHEAD_M = 0.060
 """From the wire's tip to the light plane along the direction of travel."""
+BELOW_TIP_M = 0.025
+"""From the wire's tip down to where camera axis and light plane meet: the range lies about the joint, the torch above."""
 STAND_OFF_M = 0.275
 """From the camera's centre to where its axis meets the light plane, there 45 deg apart (P2's sensor)."""
 _REACH_M = float(STAND_OFF_M / np.sqrt(2))  # the same along the torch's x and along its z
 
 _T_TORCH_CAMERA: RigidTransform = rigid_from(
     Rotation.from_matrix(np.array([[0, 1, -1], [-np.sqrt(2), 0, 0], [0, 1, 1]]) / np.sqrt(2)),
-    np.array([LOOK_AHEAD_M + _REACH_M, 0, -_REACH_M]),
+    np.array([LOOK_AHEAD_M + _REACH_M, 0, BELOW_TIP_M - _REACH_M]),
 )
 T_FLANGE_CAMERA: RigidTransform = T_FLANGE_TORCH * _T_TORCH_CAMERA
 """Nominal camera mount (camera: x right, y down, z forward)."""

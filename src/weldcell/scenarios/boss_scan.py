@@ -1,17 +1,18 @@
-"""The boss scanned from two opposite sides, cut into planes, and measured."""
+"""The boss scanned in one pass, cut into planes, and measured."""
 
 import numpy as np
 from jaxtyping import Float
 
 from weldcell.cell.errors import JobFailed
 from weldcell.scenarios.scanning import ScanPath, scan
-from weldcell.scenarios.seam_tracking import CROSSING_ABOVE_M
 from weldcell.scenarios.station import Sight, Station
 from weldcell.scenarios.verification import Alignment
 from weldcell.tracking.boss import BossMeasure, measure_boss
 from weldcell.tracking.planes import fit_planes
 
 _MARGIN_M = 0.012  # of the base slab that is scanned before and behind the slopes
+_LEAN_RAD = np.radians(25)  # camera 20 deg and light 25 deg off the vertical: neither passes under a slope of 53 deg
+_CROSSING_ABOVE_M = 0.016  # the leaning torch's tip is a little below the crossing
 _CELL_M = 1e-3  # of the cloud's grid; never finer than the scan lines
 _COLUMN_STEP = 2  # every other column: neighbouring stripe centres share their blur, so little is lost
 
@@ -19,20 +20,16 @@ _COLUMN_STEP = 2  # every other column: neighbouring stripe centres share their 
 def scan_boss(station: Station, alignment: Alignment) -> BossMeasure:
     """The boss measured from its planes; raises JobFailed if they were not found.
 
-    The camera looks against the direction of travel, so that one pass does not see the slope that faces away:
-    the second pass comes from the other side.
+    The torch leans, for upright the camera, which looks back, would not see the slope that faces away. (Two passes from
+    two sides would see it, but the robot errs otherwise in each, and the faces seen twice would not agree.)
     """
     station.begin("boss", "Boss")
     station.place_boss()
-    frames = station.config.boss.frames
+    path = _path(station)
     cloud = []
-    for number, (heading_rad, count) in enumerate(
-        ((station.heading_rad, frames - frames // 2), (station.heading_rad - np.pi, frames // 2))
-    ):
-        path = _path(station, heading_rad, count)
-        for sight in scan(station, path, "boss", first_index=number * frames):
-            station.log_sight(sight, alignment.T_flange_camera)
-            cloud.append(_points_base(sight, alignment))
+    for sight in scan(station, path, "boss"):
+        station.log_sight(sight, alignment.T_flange_camera)
+        cloud.append(_points_base(sight, alignment))
     spacing_m = float(np.linalg.norm(path.points_base[1] - path.points_base[0]))
     measure = measure_boss(fit_planes(np.concatenate(cloud), cell_m=max(_CELL_M, spacing_m)))
     if not measure.valid:
@@ -55,18 +52,20 @@ def boss_metrics(station: Station, measure: BossMeasure) -> dict[str, float]:
     }
 
 
-def _path(station: Station, heading_rad: float, count: int) -> ScanPath:
+def _path(station: Station) -> ScanPath:
     """A straight pass over the middle of the boss, where the controller was told it lies."""
-    corners = station.parts.boss.corners_part
+    config, corners = station.config.boss, station.parts.boss.corners_part
     half_m = float(np.abs(corners["foot"][:, :2]).max()) + _MARGIN_M
-    top_m = float(corners["top"][0, 2])
+    top_m, foot_m = float(corners["top"][0, 2]), float(corners["foot"][0, 2])
+    ahead_m = (top_m + _CROSSING_ABOVE_M - foot_m) * np.tan(_LEAN_RAD)  # so far on the leaning light meets the base
     centre_base = station.planner.known_cell.T_base_part("boss").translation
-    forward = np.array([np.cos(heading_rad), np.sin(heading_rad), 0.0])
-    along_m = np.linspace(-half_m, half_m, count)
+    forward = np.array([np.cos(station.heading_rad), np.sin(station.heading_rad), 0.0])
+    along_m = np.linspace(-half_m, half_m, config.frames) - ahead_m
     return ScanPath(
-        points_base=centre_base + [0, 0, top_m + CROSSING_ABOVE_M] + along_m[:, None] * forward,
-        headings_rad=np.full(count, heading_rad),
-        speed_m_s=1e-3 * station.config.boss.speed_mm_s,
+        points_base=centre_base + [0, 0, top_m + _CROSSING_ABOVE_M] + along_m[:, None] * forward,
+        headings_rad=np.full(config.frames, station.heading_rad),
+        speed_m_s=1e-3 * config.speed_mm_s,
+        lean_rad=_LEAN_RAD,
     )
 
 

@@ -24,6 +24,8 @@ class ScanPath:
     headings_rad: Float[np.ndarray, "n"]
     """Direction of travel about the vertical, from the base's x."""
     speed_m_s: float
+    lean_rad: float = 0.0
+    """How far the torch leans forward from the vertical: its light comes from behind, the camera looks down steeper."""
 
     @property
     def times_s(self) -> Float[np.ndarray, "n"]:
@@ -43,9 +45,8 @@ def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> 
 
 
 def _motion(station: Station, path: ScanPath) -> Motion:
-    poses = [
-        _flange(station, point, heading) for point, heading in zip(path.points_base, path.headings_rad, strict=True)
-    ]
+    along = zip(path.points_base, path.headings_rad, strict=True)
+    poses = [_flange(station, point, heading, path.lean_rad) for point, heading in along]
     for start_rad in station.controller.all_inverse(poses[0]):
         joints_rad = _followed(station, poses, start_rad)
         if joints_rad is not None:
@@ -53,9 +54,11 @@ def _motion(station: Station, path: ScanPath) -> Motion:
     raise OutOfReach("scan: the arm cannot carry the sensor along the path within its limits and clear of the parts")
 
 
-def _flange(station: Station, point_base: Float[np.ndarray, "3"], heading_rad: float) -> RigidTransform:
-    rotation_base_flange = torch_rotation(heading_rad) * station.rotation_flange_torch.inv()
-    return flange_at(point_base, rotation_base_flange, station.crossing_flange)
+def _flange(
+    station: Station, point_base: Float[np.ndarray, "3"], heading_rad: float, lean_rad: float
+) -> RigidTransform:
+    rotation = torch_rotation(heading_rad, lean_rad, heading_rad - np.pi / 2)
+    return flange_at(point_base, rotation * station.rotation_flange_torch.inv(), station.crossing_flange)
 
 
 def _followed(

@@ -18,8 +18,8 @@ from weldcell.tracking.seam_fit import fit_seam
 
 FEATURES = ("left", "root", "right")
 
-CROSSING_ABOVE_M = 0.010  # the light meets the camera's axis above the plate, and so the torch stays clear of it
-_END_MARGIN_M = 0.006  # at the ends the section, square to the slanting path, would miss the plate's corners
+_CROSSING_ABOVE_M = -0.005  # the range, 60 mm up and down, reaches the root; the torch's tip stays 20 mm above
+_END_MARGIN_M = 0.012  # at the ends the section, square to the slanting path, would miss the plate's corners
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,7 @@ def taught_path(station: Station) -> ScanPath:
     assert drawn is not None
     arc_length_m = drawn.arc_length_m[[0, -1]] + [_END_MARGIN_M, -_END_MARGIN_M]
     line_part = drawn.at("root", np.linspace(*arc_length_m, config.frames))
-    line_part[:, 2] = 1e-3 * config.thickness_mm + CROSSING_ABOVE_M
+    line_part[:, 2] = 1e-3 * config.thickness_mm + _CROSSING_ABOVE_M
     points_base = station.planner.known_cell.T_base_part("plate").apply(line_part)
     steps = np.gradient(points_base, axis=0)
     return ScanPath(

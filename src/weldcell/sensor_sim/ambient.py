@@ -6,7 +6,8 @@ The view is set in MuJoCo's drawn scene, not in the model: the model needs no ca
 actual camera can differ from anything that was compiled.
 
 Rendered in software, time goes into filling pixels, so geoms out of view are left out and small ones are drawn first:
-what they hide of the large ones behind is then never shaded. Neither changes a pixel.
+what they hide of the large ones behind is then never shaded. Leaving out changes no bit of the picture; the order is
+fixed by the model, and compared with any other order it may round some pixels by one level of 255.
 """
 
 import copy
@@ -123,10 +124,8 @@ class AmbientRenderer:
         everything, options = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.MjvOption()
         options.geomgroup[:] = np.arange(mujoco.mjNGROUP) == 0
         mujoco.mjv_updateScene(self._model, data, options, None, free, everything, self._scene)
-        for groups in (options.sitegroup, options.jointgroup, options.tendongroup, options.actuatorgroup):
-            groups[:] = 0  # drawn once is enough
-        for groups in (options.skingroup, options.flexgroup):
-            groups[:] = 0
+        for others in ("site", "joint", "tendon", "actuator", "skin", "flex"):
+            getattr(options, f"{others}group")[:] = 0  # once is enough
         for layer in range(1, _LEFT_OUT_GROUP):
             options.geomgroup[:] = np.arange(mujoco.mjNGROUP) == layer
             mujoco.mjv_addGeoms(self._model, data, options, mujoco.MjvPerturb(), everything, self._scene)
@@ -223,7 +222,7 @@ def _open_graphics(model: mujoco.MjModel, width_px: int, height_px: int) -> tupl
 def _context_class() -> type[mujoco.GLContext]:
     """EGL, which needs no screen, unless MUJOCO_GL asks for another platform."""
     if sys.platform == "linux" and os.environ.get("MUJOCO_GL", "egl").lower() == "egl":
-        from mujoco.egl import GLContext  # noqa: PLC0415  not at the top: it fails where EGL is missing
+        from mujoco.egl import GLContext  # not at the top: it fails where EGL is missing
 
         return GLContext
     return mujoco.GLContext

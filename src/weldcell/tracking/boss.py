@@ -34,8 +34,8 @@ class BossMeasure:
 def measure_boss(planes: Sequence[Plane]) -> BossMeasure:
     """Edges and angles of the boss that these planes bound; the planes' normals must point outwards.
 
-    The base is the lowest and the top the highest of the planes that are parallel to the largest one's partner; the
-    four largest slanted planes, in order of their azimuth about the base's normal, are the sides.
+    The top is the highest of the level planes and the base the next one below (a table that stands out beneath is
+    neither); the four largest slanted planes, in order of their azimuth about the base's normal, are the sides.
     """
     pair = _base_and_top(planes)
     if pair is None:
@@ -64,13 +64,14 @@ def measure_boss(planes: Sequence[Plane]) -> BossMeasure:
 
 
 def _base_and_top(planes: Sequence[Plane]) -> tuple[Plane, Plane] | None:
-    """The largest parallel pair, lower one first; with more than two parallel planes the lowest and the highest."""
+    """The highest of the level planes and the next below it, lower one first."""
     for reference in sorted(planes, key=lambda plane: -_area(plane)):
         level = [plane for plane in planes if _angle(plane, reference) < _MOST_PARALLEL_RAD]
-        heights = [float(reference.normal @ plane.centre) for plane in level]
-        lowest, highest = int(np.argmin(heights)), int(np.argmax(heights))
-        if heights[highest] - heights[lowest] > _LEAST_HEIGHT_M:
-            return level[lowest], level[highest]
+        heights = np.array([float(reference.normal @ plane.centre) for plane in level])
+        below = heights < heights.max() - _LEAST_HEIGHT_M
+        if below.any():
+            base = int(np.argmax(np.where(below, heights, -np.inf)))
+            return level[base], level[int(np.argmax(heights))]
     return None
 
 
