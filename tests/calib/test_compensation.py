@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-import synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import synthetic
 from weldcell.calib.compensation import CompensationProblem, solve
 from weldcell.calib.sight_model import perturbation, perturbed
 from weldcell.cell.errors import BadInput

@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
+import synthetic
 from weldcell.calib.hand_eye import HandEyeProblem, rotation_between, same_orientation, solve
 from weldcell.calib.sight_model import perturbation
 from weldcell.cell.errors import BadInput

@@ -7,8 +7,8 @@ flange is sent, in the orientation of the sight, to put the tip it believes in o
 
 import numpy as np
 import pytest
-import synthetic
 
+import synthetic
 from weldcell.calib import compensation, hand_eye, touches
 
 POSE_SIGMA_M, SIGHT_SIGMA_M = 4e-5, 5e-6

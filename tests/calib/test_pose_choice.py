@@ -2,8 +2,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-import synthetic
 
+import synthetic
 from weldcell.calib.pose_choice import choose, sight_candidates, translation_candidates
 from weldcell.cell.errors import BadInput
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-import synthetic
 from scipy.spatial.transform import Rotation
 
+import synthetic
 from weldcell.calib.sight_model import (
     cross_matrix,
     perturbation,

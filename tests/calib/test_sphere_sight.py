@@ -2,11 +2,11 @@ import time
 
 import numpy as np
 import pytest
-import synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import synthetic
 from weldcell.calib.sphere_sight import SphereSightProblem, _arc_seen, solve
 from weldcell.cell.errors import BadInput
 from weldcell.cell.optics import LaserPlane
@@ -122,7 +122,7 @@ def test_the_arc_is_found_among_table_post_and_outliers(share):
         assert found.valid, found.reason
         error = found.centre_camera - centre
         assert error @ np.linalg.solve(found.covariance_camera, error) < 25  # chi2 of 3: 1e-5
-        assert np.linalg.norm(error) < 3e-5
+        assert np.linalg.norm(error) < 4e-5  # m; four of the 10 um that 480 points at 10 mm from the centre leave
         assert found.inliers[500:].mean() < 0.05
 
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-import synthetic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import check_grad
 from scipy.spatial.transform import Rotation
 
+import synthetic
 from weldcell.calib.touches import TouchProblem, _model, solve
 from weldcell.cell.errors import BadInput
 from weldcell.cell.frames import rigid_from

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from weldcell.cell.configuration import CellConfig, RecordingConfig, SensorConfig
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
-from weldcell.scenarios.sphere_sights import plan_free, plan_translations, WORKING
+from weldcell.scenarios.sphere_sights import WORKING, plan_free, plan_translations
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.calib.hand_eye import check_sights
-from weldcell.calib.least_squares import Fit, fit
+from weldcell.calib.least_squares import Fit, Model, fit
 from weldcell.calib.sight_model import (
     ROTATION,
     TRANSLATION,
@@ -142,7 +142,7 @@ def _judged(
     )
 
 
-def _model(problem: CompensationProblem, T_start: RigidTransform, whitening: Float[np.ndarray, "n 3 3"]):  # noqa: ANN202
+def _model(problem: CompensationProblem, T_start: RigidTransform, whitening: Float[np.ndarray, "n 3 3"]) -> Model:
     """Whitened residuals, and their derivatives by a perturbation of `T_start`."""
     R_base_flange, flange_base = problem.T_base_flange.rotation.as_matrix(), problem.T_base_flange.translation
     R_start, start_flange = T_start.rotation.as_matrix(), T_start.translation

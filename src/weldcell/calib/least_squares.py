@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.special import gammaincinv
 
 Residuals = Float[np.ndarray, "n components"]
@@ -82,13 +82,13 @@ def covariance(jacobian: Jacobian, weights: Float[np.ndarray, "n"]) -> Float[np.
 
 def robust_spread(residuals: Residuals, unknowns: int = 0) -> float:
     """Standard deviation of one component, from the median length of the residual vectors (1 as predicted)."""
-    count, components = residuals.shape
+    components = residuals.shape[1]
     median_length = np.sqrt(2 * gammaincinv(components / 2, 0.5))  # of a normal vector: root of the chi2 median
     freedom = max(residuals.size - unknowns, 1) / residuals.size
     return float(np.median(np.linalg.norm(residuals, axis=-1)) / median_length / np.sqrt(freedom))
 
 
-def _minimise(model: Model, start: Float[np.ndarray, "p"], loss_sigmas: float):  # noqa: ANN202 (SciPy's own result)
+def _minimise(model: Model, start: Float[np.ndarray, "p"], loss_sigmas: float) -> OptimizeResult:
     damped = _Damped(model, loss_sigmas)
     return least_squares(
         damped.residuals, start, damped.jacobian, method="lm", ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE

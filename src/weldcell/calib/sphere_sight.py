@@ -40,6 +40,7 @@ _SEARCH_STARTS = 80
 _SEARCH_SPANS = (60, 30, 15, 8, 4)  # points between a triple's neighbours: the profile's length over these
 _SCORED_POINTS = 200
 _IMPROVED = 5  # circles of the search that are improved on their own points before one is chosen
+_HALF_LIT_SHARE = 0.02  # of the arc's points, at either end: nine columns of 450
 _ROUNDS = 2
 
 
@@ -160,11 +161,18 @@ def _fit_arc(
         inliers = (np.abs(whitened) < gates) & (np.abs(_from_light(section - circle[:2])) < _LIT_RAD)
         if np.sum(inliers) < _FEWEST_POINTS:
             return None, inliers
-        arc, arc_sigma_m = section[inliers], sigma_radial_m[inliers]
+        inner = _without_ends(np.flatnonzero(inliers))
+        arc, arc_sigma_m = section[inner], sigma_radial_m[inner]
         found = fit(lambda guess: circle_residuals(arc, arc_sigma_m, guess), circle)  # noqa: B023 (used at once)
         circle = found.parameters
         gates = np.full(len(section), _GATE_SIGMAS * max(1.0, robust_spread(found.residuals, unknowns=3)))
     return found, inliers
+
+
+def _without_ends(places: Int[np.ndarray, "k"]) -> Int[np.ndarray, "m"]:
+    """The arc but for its outermost points: where the stripe ends half lit, its centre is no longer the line's."""
+    count = int(_HALF_LIT_SHARE * len(places))
+    return places[count : len(places) - count]
 
 
 def _raise_centre(

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from weldcell.calib.least_squares import Fit, fit
+from weldcell.calib.least_squares import Fit, Model, fit
 from weldcell.calib.verdict import (
     Block,
     Finding,
@@ -141,7 +141,7 @@ def _weigh_tip(problem: TouchProblem, tip_flange: Float[np.ndarray, "3"]) -> lis
     return [Finding(verdict="doubtful", reason=reason)]
 
 
-def _model(problem: TouchProblem):  # noqa: ANN202 (a least_squares.Model)
+def _model(problem: TouchProblem) -> Model:
     """Distances less the radius sum, in sigmas, with derivatives by centre and tip."""
     R_base_flange = problem.T_base_flange.rotation.as_matrix()
     flange_base = problem.T_base_flange.translation

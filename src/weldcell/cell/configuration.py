@@ -73,6 +73,8 @@ class CalibrationConfig:
     """Radius of the rounded torch tip."""
     estimate_tip: bool = True
     """Estimate the torch tip from the touches as well; false is P2 to the letter (nominal tip)."""
+    robot_sigma_mm: Annotated[float, Ge(1e-5), Le(100)] = 0.1
+    """The robot's error for a single pose that the compensation expects: weighs it against the sights' own noise."""
     viewpoints: Annotated[int, Ge(1), Le(1000)] = 10
     """Views of each point in the verification."""
     near_points_mm: tuple[Point, ...] = ((60.0, -50.0, 20.0), (-70.0, 30.0, 40.0), (20.0, 80.0, -20.0))

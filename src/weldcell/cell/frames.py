@@ -5,6 +5,7 @@
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import BadGeometry
@@ -41,9 +42,9 @@ def rigid_from(rotation: Rotation, translation_m: Float[np.ndarray, "*batch 3"])
     return RigidTransform.from_components(translation_m, rotation)
 
 
-def translation(translation_m: Float[np.ndarray, "*batch 3"]) -> RigidTransform:
-    """The pure translation by `translation_m`."""
-    return rigid_from(Rotation.identity(), translation_m)
+def translation(translation_m: ArrayLike) -> RigidTransform:
+    """The pure translation by three numbers (m)."""
+    return rigid_from(Rotation.identity(), np.asarray(translation_m, dtype=float))
 
 
 def axes_rotation(x: Float[np.ndarray, "3"], z: Float[np.ndarray, "3"]) -> Rotation:

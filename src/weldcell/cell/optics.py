@@ -102,9 +102,7 @@ class CameraModel:
         about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
         about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
         rotation = about_y @ about_x
-        onto_sensor = np.array(
-            [[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]]
-        )
+        onto_sensor = np.array([[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]])
         return onto_sensor @ rotation
 
     def _untilt(self, target: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:

@@ -41,9 +41,7 @@ def distance_to_polyline(points: Float[np.ndarray, "n 3"], line: Float[np.ndarra
     return np.linalg.norm(points - nearest_on_polyline(points, line), axis=-1)
 
 
-def nearest_on_polyline(
-    points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "n 3"]:
+def nearest_on_polyline(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "n 3"]:
     """The nearest place of a polyline to each point (all m, one frame)."""
     starts, steps = line[:-1], np.diff(line, axis=0)
     offsets = points[:, None] - starts

@@ -23,6 +23,11 @@ TABLE_TOP_M = 0.300
 TABLE_X_M, TABLE_Y_M = (0.55, 1.35), (-0.70, 0.70)
 """Extent of the table in the base frame."""
 
+BENCH_TOP_M = 0.500
+"""Height of the bench for parts that are not in use."""
+BENCH_X_M, BENCH_Y_M = (-0.10, 1.05), (0.85, 1.15)
+"""Extent of the bench in the base frame."""
+
 _BORE_M, _GRID_M = 0.014, 0.100  # radius and pitch of the bores: a common modular welding table, D28 on 100 mm
 _TABLE_STEEL = Finish(rgba=(0.33, 0.34, 0.36, 1.0), specular=0.15, shininess=0.2)
 
@@ -37,6 +42,8 @@ def build_room() -> mujoco.MjSpec:
     _add_floor(spec)
     table = spec.worldbody.add_body(name="table")
     add_pieces(spec, table, _table_pieces(), group=GROUP_PARTS, mask=PART_MASK)
+    bench = spec.worldbody.add_body(name="bench")
+    add_pieces(spec, bench, _bench_pieces(), group=GROUP_PARTS, mask=PART_MASK)
     cabinets = spec.worldbody.add_body(name="cabinets")
     add_pieces(spec, cabinets, _cabinet_pieces(), group=GROUP_PARTS, mask=PART_MASK)
     _add_lights(spec)
@@ -73,6 +80,21 @@ def _table_pieces() -> list[Piece]:
         Piece(name="table_top", solid=top, finish=_TABLE_STEEL),
         Piece(name="table_skirt", solid=skirt, finish=_TABLE_STEEL),
         Piece(name="table_legs", solid=legs, finish=DARK_GREY),
+    ]
+
+
+def _bench_pieces() -> list[Piece]:
+    """A bench beside the arm for what is not on the table."""
+    (x0, x1), (y0, y1) = BENCH_X_M, BENCH_Y_M
+    top = box((x0, y0, BENCH_TOP_M - 0.04), (x1, y1, BENCH_TOP_M), 0.004)
+    legs = join(
+        box((x, y, 0.0), (x + 0.05, y + 0.05, BENCH_TOP_M - 0.03), 0.004)
+        for x in (x0 + 0.03, x1 - 0.08)
+        for y in (y0 + 0.03, y1 - 0.08)
+    )
+    return [
+        Piece(name="bench_top", solid=top, finish=LIGHT_GREY),
+        Piece(name="bench_legs", solid=legs, finish=DARK_GREY),
     ]
 
 

@@ -25,7 +25,7 @@ from weldcell.models.torch import T_FLANGE_TORCH
 LOOK_AHEAD_M = 0.060
 """From the wire's tip to the light plane along the direction of travel."""
 BELOW_TIP_M = 0.025
-"""From the wire's tip down to where camera axis and light plane meet: the range lies about the joint, the torch above."""
+"""From the wire's tip down to where camera axis and light plane meet: the range lies about the joint."""
 STAND_OFF_M = 0.275
 """From the camera's centre to where its axis meets the light plane, there 45 deg apart (P2's sensor)."""
 _REACH_M = float(STAND_OFF_M / np.sqrt(2))  # the same along the torch's x and along its z

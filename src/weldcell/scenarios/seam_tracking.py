@@ -75,8 +75,8 @@ def taught_path(station: Station) -> ScanPath:
     """The seam's centre line as drawn, on the plate as the controller was told it lies."""
     config, drawn = station.config.seam, station.parts.plate.seam_part
     assert drawn is not None
-    arc_length_m = drawn.arc_length_m[[0, -1]] + [_END_MARGIN_M, -_END_MARGIN_M]
-    line_part = drawn.at("root", np.linspace(*arc_length_m, config.frames))
+    first_m, last_m = drawn.arc_length_m[0] + _END_MARGIN_M, drawn.arc_length_m[-1] - _END_MARGIN_M
+    line_part = drawn.at("root", np.linspace(first_m, last_m, config.frames))
     line_part[:, 2] = 1e-3 * config.thickness_mm + _CROSSING_ABOVE_M
     points_base = station.planner.known_cell.T_base_part("plate").apply(line_part)
     steps = np.gradient(points_base, axis=0)
@@ -94,9 +94,8 @@ def seam_metrics(station: Station, tracked: TrackedSeam, alignment: Alignment) -
         name: 1e3 * distance_to_polyline(_tips_base(station, tracked, alignment, name), exact[name])
         for name in FEATURES
     }
-    now = {"frame": station.frame, "time_s": station.time_s}
-    station.recording.log_lines("true", exact, **now)
-    station.recording.log_lines("measured", tracked.seam.points, **now)
+    for kind, lines in (("true", exact), ("measured", tracked.seam.points)):
+        station.recording.log_lines(kind, lines, frame=station.frame, time_s=station.time_s)
     station.recording.log_errors(tracked.frames, tracked.times_s, errors_mm)
     metrics = {"frames_count": float(len(tracked.valid)), "frames_valid_count": float(tracked.valid.sum())}
     for name, errors in errors_mm.items():

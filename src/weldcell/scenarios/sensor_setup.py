@@ -55,7 +55,7 @@ def set_up_sensor(station: Station) -> SensorSetup:
     sights += take_sights(station, postures, drawn, "free poses", "sphere: free poses")
     first = _first_solution(sights, translations)
     touched = _touch(station, first.target_base, _flanges(sights[translations - 1 :]).rotation)
-    compensated = _compensate(sights, touched, first)
+    compensated = _compensate(sights, touched, first, 1e-3 * plan.robot_sigma_mm)
     return SensorSetup(
         first=first,
         touched=touched,
@@ -96,7 +96,7 @@ def _touch(station: Station, target_base: Float[np.ndarray, "3"], orientations: 
 
 
 def _compensate(
-    sights: list[SphereSight], touched: touches.TouchResult, first: hand_eye.HandEyeResult
+    sights: list[SphereSight], touched: touches.TouchResult, first: hand_eye.HandEyeResult, pose_sigma_m: float
 ) -> compensation.CompensationResult:
     result = compensation.solve(
         compensation.CompensationProblem(
@@ -106,6 +106,7 @@ def _compensate(
             centre_base=touched.centre_base,
             centre_covariance_base=touched.covariance[:3, :3],
             T_flange_camera=first.T_flange_camera,
+            pose_sigma_m=pose_sigma_m,
         )
     )
     _require(result.verdict, result.reasons, "compensation")

@@ -15,6 +15,7 @@ from weldcell.cell.randomness import generator
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
 
+
 @dataclass(frozen=True, kw_only=True)
 class Spread:
     """How far orientations vary about the working one (torch down, travelling along the seam)."""

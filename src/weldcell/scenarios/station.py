@@ -129,9 +129,7 @@ class Station:
         self.frame += 1
         return sight
 
-    def log_sight(
-        self, sight: Sight, T_flange_camera: RigidTransform, joint: JointFeatures | None = None
-    ) -> None:
+    def log_sight(self, sight: Sight, T_flange_camera: RigidTransform, joint: JointFeatures | None = None) -> None:
         """Records a picture, its profile placed by a hand-eye transform, and what was found in it."""
         self.recording.log_shot(
             sight.frame,

@@ -79,9 +79,7 @@ def verify(station: Station, before: Alignment, after: Alignment) -> dict[str, f
 
 
 def _errors_mm(station: Station, checks: list[PointCheck], alignment: Alignment) -> list[Float[np.ndarray, "n"]]:
-    return [
-        1e3 * np.linalg.norm(tips_base(station, check, alignment) - check.point_base, axis=1) for check in checks
-    ]
+    return [1e3 * np.linalg.norm(tips_base(station, check, alignment) - check.point_base, axis=1) for check in checks]
 
 
 def _record(station: Station, checks: list[PointCheck], alignments: dict[str, Alignment]) -> None:

@@ -40,6 +40,8 @@ _STEEPEST = 6.0  # slope up to which the line is taken as straight over the blur
 _WIDEST_PX = 30.0  # a sheet that lies in the surface would be lit without end, at no brightness
 _FADE_SIGMAS = 3.0
 _FAINTEST_GREY = 0.02
+_TANGENT_M = 1e-5  # step along a tangent: a fifth of a pixel
+_CORNER_PX = 0.15  # tangents that miss the next point by more belong to two faces
 _DIFFERENCE_STEP = 1e-5  # normalised image units, central difference
 
 
@@ -99,9 +101,17 @@ def stripe_pieces(section: LightSection, camera: CameraModel, fan: LaserFan, opt
     reference_range_m, reference_ratio = _reference(camera, fan, optics)
     with np.errstate(invalid="ignore"):
         brightness = section.incidence_cos * reference_range_m / section.range_m / reference_ratio
-    knots = np.column_stack([section.pixels, sheet_px, brightness])
+    knots = np.column_stack([section.pixels, sheet_px, brightness, _slopes(section, camera, fan)])
     lines = [_with_ends(knots[run], _FADE_SIGMAS * optics.psf_sigma_px) for run in runs]
     return _cut_by_columns(lines, camera.width_px, optics)
+
+
+def _slopes(section: LightSection, camera: CameraModel, fan: LaserFan) -> Float[np.ndarray, "n"]:
+    """dv/du of the stripe at each ray's point, from the surface's tangent in the light plane."""
+    tangents = np.cross(section.normals_camera, fan.plane.normal_camera)
+    before, after = (camera.project(section.points_camera + step * tangents) for step in (-_TANGENT_M, _TANGENT_M))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (after[:, 1] - before[:, 1]) / (after[:, 0] - before[:, 0])
 
 
 def sheet_sigma_px(
@@ -178,8 +188,8 @@ def _continuous(section: LightSection, fan: LaserFan, first: Int[np.ndarray, "n"
     return corner | ((off_first < _SMOOTH_M) & (np.abs(off_second) < _SMOOTH_M))
 
 
-def _with_ends(knots: Float[np.ndarray, "n 4"], fade_px: float) -> Float[np.ndarray, "n+2 6"]:
-    """Knots of a line (u, v, sheet_px, brightness) with both ends drawn out, and the ways from both ends (px).
+def _with_ends(knots: Float[np.ndarray, "n 5"], fade_px: float) -> Float[np.ndarray, "n+2 7"]:
+    """Knots of a line (u, v, sheet_px, brightness, slope) with both ends drawn out, and the ways from both ends (px).
 
     The surface's end lies somewhere between the last ray that met it and the next: half a spacing beyond is taken,
     which is right on average.
@@ -195,7 +205,7 @@ def _with_ends(knots: Float[np.ndarray, "n 4"], fade_px: float) -> Float[np.ndar
     return np.column_stack([np.vstack([head, knots, tail]), way, end - way])
 
 
-def _cut_by_columns(lines: list[Float[np.ndarray, "_ 6"]], width_px: int, optics: StripeOptics) -> StripePieces:
+def _cut_by_columns(lines: list[Float[np.ndarray, "_ 7"]], width_px: int, optics: StripeOptics) -> StripePieces:
     """The pieces where lines cross columns: a segment owns the columns from its smaller u up to before its larger."""
     starts = np.vstack([line[:-1] for line in lines])
     stops = np.vstack([line[1:] for line in lines])
@@ -206,9 +216,9 @@ def _cut_by_columns(lines: list[Float[np.ndarray, "_ 6"]], width_px: int, optics
     u_px = low[segment] + np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)
     a, b = starts[segment], stops[segment]
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
-    _, v_px, sheet_px, brightness, from_head, from_tail = (
-        a + ((u_px - a[:, 0]) / (b[:, 0] - a[:, 0]))[:, None] * (b - a)
-    ).T
+    share = (u_px - a[:, 0]) / (b[:, 0] - a[:, 0])
+    _, v_px, sheet_px, brightness, _, from_head, from_tail = (a + share[:, None] * (b - a)).T
+    v_px = v_px + _sagitta_px(a, b, share)
     blur_px = optics.psf_sigma_px * np.sqrt(1 + np.minimum(slope**2, _STEEPEST**2))
     sigma_px = np.hypot(sheet_px, blur_px)
     coverage = ndtr(from_head / optics.psf_sigma_px) * ndtr(from_tail / optics.psf_sigma_px)
@@ -221,6 +231,16 @@ def _cut_by_columns(lines: list[Float[np.ndarray, "_ 6"]], width_px: int, optics
         amplitude_grey=amplitude_grey[kept],
         coverage=coverage[kept],
     )
+
+
+def _sagitta_px(
+    a: Float[np.ndarray, "k 7"], b: Float[np.ndarray, "k 7"], share: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "k"]:
+    """How far the curve between two knots leaves its chord (Hermite's cubic); nothing at a corner."""
+    across, along = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
+    bend_a, bend_b = across * a[:, 4] - along, along - across * b[:, 4]
+    smooth = np.maximum(np.abs(bend_a), np.abs(bend_b)) < _CORNER_PX
+    return np.where(smooth, share * (1 - share) * ((1 - share) * bend_a + share * bend_b), 0.0)
 
 
 def _no_pieces() -> StripePieces:

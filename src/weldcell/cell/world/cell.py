@@ -107,4 +107,3 @@ class Cell:
         torque = np.zeros(self.model.nv)
         mujoco.mj_rne(self.model, self.data, 0, torque)
         return torque[self._dofs]
-

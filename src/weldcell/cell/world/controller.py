@@ -59,9 +59,7 @@ class Controller:
         assert T is not None
         return T * self.T_base_flange_zero
 
-    def inverse(
-        self, T_base_flange: RigidTransform, near_rad: Float[np.ndarray, "6"]
-    ) -> Float[np.ndarray, "6"]:
+    def inverse(self, T_base_flange: RigidTransform, near_rad: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
         """Joint readings within limits that take the flange there, the nearest to `near_rad`.
 
         Raises OutOfReach if there are none.
@@ -88,14 +86,10 @@ class Controller:
         """All readings within limits that show the same joint angles."""
         low, high = self.limits_rad.T
         wrapped = np.angle(np.exp(1j * joints_rad))
-        choices = [
-            [x for x in wrapped[k] + _TURNS if low[k] <= x <= high[k]] for k in range(JOINTS)
-        ]
+        choices = [[x for x in wrapped[k] + _TURNS if low[k] <= x <= high[k]] for k in range(JOINTS)]
         return np.array(np.meshgrid(*choices)).reshape(JOINTS, -1).T
 
     @cached_property
     def _solver(self) -> HPRobot:
-        offsets = np.diff(
-            np.vstack([np.zeros(3), self.anchors_base, self.T_base_flange_zero.translation]), axis=0
-        )
+        offsets = np.diff(np.vstack([np.zeros(3), self.anchors_base, self.T_base_flange_zero.translation]), axis=0)
         return HPRobot(self.axes_base, offsets)

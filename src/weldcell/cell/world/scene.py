@@ -13,27 +13,27 @@ from weldcell.cell.world.controller import Controller
 from weldcell.cell.world.robot_error import JOINTS, RobotError, exact_robot
 from weldcell.models.arm import KR5_ARC, build_arm
 from weldcell.models.boss import boss
+from weldcell.models.room import BENCH_TOP_M, build_room
 from weldcell.models.sensor_head import T_FLANGE_CAMERA, build_sensor_head
 from weldcell.models.sphere import sphere_stand
 from weldcell.models.torch import T_FLANGE_TORCH, build_torch
 from weldcell.models.v_groove import v_groove_plate
 from weldcell.models.workpiece import Workpiece
-from weldcell.models.room import build_room
 
 DRAWN_T_FLANGE_CAMERA = T_FLANGE_CAMERA
 DRAWN_T_FLANGE_TORCH = T_FLANGE_TORCH
 HOME_RAD = np.radians([11.7, -75.7, 76.3, -34.4, 96.1, -80.0])
 """Tool above the table, clear of everything that may stand on it."""
 
+_POST_M = 0.26  # from the sphere's centre to its stand's foot, which is clamped under the table's top
 SHELF = {
-    "sphere": translation([0.55, 0.95, 0.65]),
-    "plate": translation([0.10, 0.95, 0.50]),
-    "boss": translation([0.85, 0.95, 0.50]),
+    "sphere": translation([0.45, 1.00, BENCH_TOP_M + _POST_M]),
+    "plate": translation([0.12, 1.00, BENCH_TOP_M]),
+    "boss": translation([0.80, 1.00, BENCH_TOP_M]),
 }
 """Where parts stand while they are not in use."""
 
 _BODIES = {"sphere": "stand/sphere_stand", "plate": "v_groove_plate", "boss": "boss"}
-_POST_M = 0.26  # below the sphere's centre: the stand's foot is clamped under the table's top
 
 
 @dataclass(frozen=True, kw_only=True)
