@@ -90,7 +90,7 @@ def test_translations_keep_the_orientation_and_vary_all_axes(perfect):
     poses = perfect.controller.forward(np.array(plan_translations(perfect, perfect.sphere_known_base, 10)))
     turned = (poses[0].rotation.inv() * poses.rotation).magnitude()
     assert turned.max() < 1e-9  # rad
-    assert np.linalg.svd(poses.translation - poses.translation.mean(axis=0))[1][2] > 5e-3  # m
+    assert np.linalg.svd(poses.translation - poses.translation.mean(axis=0))[1][2] > 2e-3  # m: y may vary by 6 mm only
 
 
 def test_free_poses_move_all_six_joints(perfect):

@@ -152,3 +152,18 @@ def test_the_last_frame_gates_the_next():
 def test_an_unknown_kind_names_the_known_ones():
     with pytest.raises(BadInput, match=r"'w' is not known. Available: .*v"):
         find_joint(_profile(v_corners()), "w", PLANE)
+
+
+@pytest.mark.parametrize("gap_m", [0.002, 0.005])
+def test_with_a_root_gap_the_root_is_the_middle_between_the_walls_ends(gap_m):
+    # A V of 45 degrees whose walls end 20 mm below the plates, the table 4 mm further down in the gap between them.
+    half_m, depth_m, z_m = gap_m / 2, 0.020, 0.19
+    edge_m = half_m + depth_m * np.tan(np.pi / 8)
+    left = [[-edge_m - 0.03, z_m], [-edge_m, z_m], [-half_m, z_m + depth_m]]
+    below = [[-half_m + 1e-5, z_m + depth_m + 0.004], [half_m - 1e-5, z_m + depth_m + 0.004]]
+    corners = np.array([*left, *below, *([-x, z] for x, z in reversed(left))])
+    features = find_joint(_profile(corners, 0.25, np.random.default_rng(9)), "v-gap", PLANE)
+    assert features.valid
+    right, root, left_edge = _corners_of(features)
+    assert np.abs([right[0] + edge_m, left_edge[0] - edge_m]).max() < 5e-5  # m
+    assert np.abs(root - [0, z_m + depth_m]).max() < 2.5e-4  # m: a column's spacing along the wall

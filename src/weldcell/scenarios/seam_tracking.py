@@ -45,8 +45,9 @@ def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
     station.place_plate()
     frames, times_s, T_base_flange, found = [], [], [], []
     previous: JointFeatures | None = None
+    kind = "v-gap" if station.config.seam.root_gap_mm else "v"
     for sight in scan(station, taught_path(station), "seam"):
-        joint = find_joint(sight.profile, "v", station.belief.plane, previous=previous)
+        joint = find_joint(sight.profile, kind, station.belief.plane, previous=previous)
         previous = joint if joint.valid else previous
         station.log_sight(sight, alignment.T_flange_camera, joint)
         frames.append(sight.frame)

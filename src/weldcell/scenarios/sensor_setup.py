@@ -14,6 +14,8 @@ from weldcell.scenarios.station import Station
 from weldcell.scenarios.touching import touch_sphere
 from weldcell.scenarios.verification import Alignment
 
+_FEWEST_SIGHTS = 3
+
 
 @dataclass(frozen=True, kw_only=True)
 class SensorSetup:
@@ -53,6 +55,11 @@ def set_up_sensor(station: Station) -> SensorSetup:
     translations = len(sights)
     postures = plan_free(station, station.sphere_known_base, plan.free_poses, CALIBRATING, "free poses")
     sights += take_sights(station, postures, drawn, "free poses", "sphere: free poses")
+    if translations < _FEWEST_SIGHTS or len(sights) - translations < _FEWEST_SIGHTS:
+        raise JobFailed(
+            f"sphere: found in {translations} of {plan.translations} translations and {len(sights) - translations} of "
+            f"{plan.free_poses} free poses, expected at least {_FEWEST_SIGHTS} each"
+        )
     first = _first_solution(sights, translations)
     touched = _touch(station, first.target_base, _flanges(sights[translations - 1 :]).rotation)
     compensated = _compensate(sights, touched, first, 1e-3 * plan.robot_sigma_mm)

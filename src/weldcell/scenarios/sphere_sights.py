@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from weldcell.calib.pose_choice import choose, sight_candidates, translation_candidates
 from weldcell.calib.sphere_sight import SphereSightProblem, SphereSightResult
 from weldcell.calib.sphere_sight import solve as solve_sphere_sight
-from weldcell.cell.errors import JobFailed, OutOfReach
+from weldcell.cell.errors import OutOfReach
 from weldcell.cell.randomness import generator
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
@@ -139,7 +139,7 @@ def _candidates(
             break
     if len(candidates) < count:
         found = len(candidates)
-        raise JobFailed(f"sphere: found {found} postures that see it in reach and clear of parts, need {count}")
+        raise OutOfReach(f"sphere: found {found} postures that see it in reach and clear of parts, need {count}")
     return candidates
 
 

@@ -101,5 +101,6 @@ def _touch(station: Station, approach: _Approach, index: int) -> RigidTransform:
     joints_rad = readings(brentq(gap_m, 0.0, reach_m, xtol=_CONTACT_M))
     station.stand_at(joints_rad, station.time_s + _STANDOFF_M / _APPROACH_M_S)
     station.recording.log_touch(station.cell.tip_base, frame=station.frame, time_s=station.time_s)
+    station.frame += 1  # a touch counts like a picture, so that the recording can be stopped at it
     station.stand_at(approach.joints_rad, station.time_s + _STANDOFF_M / _APPROACH_M_S)
     return station.controller.forward(joints_rad)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -26,6 +27,7 @@ class JointKind:
 
 JOINT_KINDS = {
     "v": JointKind(names=V_NAMES, anchor="root", find=find_v),
+    "v-gap": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, gapped=True)),
 }
 """A new kind of joint is a module with a `find` of its own, and a line here."""
 

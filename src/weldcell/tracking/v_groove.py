@@ -27,6 +27,8 @@ _FIT_ROUNDS = 3
 _FEWEST_ON_LINE = 6
 _LEAST_INLIER_SHARE = 0.4
 _LEAST_GROOVE_SHARE = 0.5
+_APART_SPACINGS = 5
+_LEAST_GROUP_SHARE = 0.1
 _MOST_SIGMA_M = 5e-4
 _GATE_M = 0.015  # the search window of commercial trackers
 
@@ -39,9 +41,10 @@ class Found:
     reason: str = ""
 
 
-def find_v(section: Section, previous_x_m: float | None = None) -> Found:
+def find_v(section: Section, previous_x_m: float | None = None, *, gapped: bool = False) -> Found:
     """The V-groove's left edge, root and right edge.
 
+    The root is where the walls cross, seen or not; with a root gap (`gapped`) the middle between their lower ends.
     With `previous_x_m` (x of the last root) only grooves with their root within 15 mm of it count.
     """
     if len(section.x_m) < _FEWEST_POINTS:
@@ -51,7 +54,7 @@ def find_v(section: Section, previous_x_m: float | None = None) -> Found:
         pieces = straight_pieces(section, steepest=steepest)
         best = _best_four(section, pieces, previous_x_m)
         if best is not None:
-            return _refined(section, best)
+            return _refined(section, best, gapped)
     near = "" if previous_x_m is None else f" within {_GATE_M * 1e3:.0f} mm of the last one"
     return Found(reason=f"no V-groove{near}: of {len(pieces)} straight pieces no four form one")
 
@@ -120,7 +123,7 @@ def _turns_like_v(angles: Sequence[float]) -> bool:
     )
 
 
-def _refined(section: Section, four: tuple[Piece, ...]) -> Found:
+def _refined(section: Section, four: tuple[Piece, ...], gapped: bool) -> Found:
     """The corners of lines fitted to all the section's own points between the corners."""
     corner_x = np.array([_crossing_x(*pair) for pair in zip(four[:-1], four[1:], strict=True)])
     lines: list[Line | None] = [_as_line(piece) for piece in four]
@@ -141,10 +144,48 @@ def _refined(section: Section, four: tuple[Piece, ...]) -> Found:
         corner_x = moved_x
     if not _explains_groove(section, four, found):
         return Found(reason="no V-groove: most points between its edges lie off its walls")
+    if gapped:
+        found = (found[0], _open_root(section, fitted[1], fitted[2], found), found[2])
     worst = max(corner.sigma_m for corner in found)
     if worst > _MOST_SIGMA_M:
         return Found(reason=f"V-groove too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
     return Found(corners=found)
+
+
+def _open_root(section: Section, left_wall: Line, right_wall: Line, corners: Sequence[Corner]) -> Corner:
+    """The middle between the walls' lower ends; where they cross if too little of them is seen."""
+    left, crossed, right = corners
+    on_left = _without_strays(_on_wall(section, left_wall, left.x_m, crossed.x_m))
+    on_right = _without_strays(_on_wall(section, right_wall, crossed.x_m, right.x_m))
+    if not (len(on_left) and len(on_right)):
+        return crossed
+    spacing_m = np.array([_spacing(on_left), _spacing(on_right)])
+    ends_x = np.array([on_left[-1], on_right[0]]) + 0.5 * spacing_m * [1, -1]
+    ends_z = np.array([left_wall.z_at(ends_x[0]), right_wall.z_at(ends_x[1])])
+    # Each end lies anywhere within a spacing (variance 1/12), drawn out along its wall.
+    slopes = np.array([left_wall.slope, right_wall.slope])
+    sigma_m = float(np.sqrt(np.sum((1 + slopes**2) * spacing_m**2 / 12)) / 2)
+    return Corner(x_m=float(ends_x.mean()), z_m=float(ends_z.mean()), sigma_m=float(np.hypot(sigma_m, crossed.sigma_m)))
+
+
+def _on_wall(section: Section, wall: Line, first_m: float, last_m: float) -> np.ndarray:
+    """x of the points that lie on a wall, rising."""
+    x_m = section.x_m[(section.x_m > first_m) & (section.x_m < last_m)]
+    z_m = section.z_m[(section.x_m > first_m) & (section.x_m < last_m)]
+    return x_m[np.abs(z_m - wall.height_m - wall.slope * (x_m - wall.origin_m)) < _EXPLAINED_M]
+
+
+def _without_strays(x_m: np.ndarray) -> np.ndarray:
+    """The points but for small groups that stand apart, like those of what lies below the gap."""
+    if len(x_m) < _FEWEST_ON_LINE:
+        return x_m[:0]
+    groups = np.split(x_m, np.flatnonzero(np.diff(x_m) > _APART_SPACINGS * _spacing(x_m)) + 1)
+    kept = [group for group in groups if len(group) >= max(_FEWEST_ON_LINE, _LEAST_GROUP_SHARE * len(x_m))]
+    return np.concatenate(kept) if kept else x_m[:0]
+
+
+def _spacing(x_m: np.ndarray) -> float:
+    return float(np.median(np.diff(x_m)))
 
 
 def _explains_groove(section: Section, four: tuple[Piece, ...], corners: Sequence[Corner]) -> bool:

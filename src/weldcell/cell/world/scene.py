@@ -25,7 +25,7 @@ DRAWN_T_FLANGE_TORCH = T_FLANGE_TORCH
 HOME_RAD = np.radians([11.7, -75.7, 76.3, -34.4, 96.1, -80.0])
 """Tool above the table, clear of everything that may stand on it."""
 
-_POST_M = 0.26  # from the sphere's centre to its stand's foot, which is clamped under the table's top
+_POST_M = 0.30  # from the sphere's centre to its stand's foot, which is clamped under the table's top
 SHELF = {
     "sphere": translation([0.45, 1.00, BENCH_TOP_M + _POST_M]),
     "plate": translation([0.12, 1.00, BENCH_TOP_M]),

@@ -2,7 +2,8 @@
 
 Entities: `cell/BODY` (meshes; what moves has a pose for each moment), `cell/sensor` (camera, picture, light sheet),
 `points/STAGE` (what was measured, in the base), `lines/STAGE`, `checks/STAGE`, `errors/STAGE`, `profile` (the last
-profile, in the light plane), `texts`, `events`, `stage`. Timelines: `frame` (number of the picture) and `t` (seconds).
+profile, in the light plane), `texts`, `events`, `stage`. Timelines: `frame` (number of the picture or touch) and `t`
+(seconds).
 """
 
 from collections.abc import Mapping
