@@ -65,7 +65,7 @@ class ArmGeometry:
         return np.column_stack([self.lower_rad, self.upper_rad])
 
 
-# Lengths, limits and speeds: ROS-Industrial, kuka_experimental, kuka_kr5_support (kr5_arc_macro.xacro).
+# Lengths, limits and speeds: ROS-Industrial's kuka_experimental, its package for the KR 5 arc.
 KR5_ARC = ArmGeometry(
     a1_m=0.180,
     a2_m=-0.120,

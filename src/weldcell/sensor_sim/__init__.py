@@ -1,3 +1,1 @@
-import os
-
-os.environ.setdefault("MUJOCO_GL", "egl")  # must stand before mujoco's first import: no screen is needed
+import weldcell.opengl  # noqa: F401 (before mujoco is imported anywhere else)

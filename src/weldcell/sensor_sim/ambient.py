@@ -26,6 +26,7 @@ from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import BadGeometry, NotReady
 from weldcell.cell.optics import CameraModel
+from weldcell.opengl import OPENGL_HELP
 
 _NEAR_M, _FAR_M = 0.01, 20.0
 _KNOT_SPACING_PX = 16  # of the lens's map; cubic splines between are right to 1e-6 px
@@ -39,11 +40,6 @@ _BOXED = tuple(
 _BOX_MARGIN = 1e-4  # of the box, and metres: a tenth of a pixel's view is 1e-5 m
 _MOST_GEOMS = 10_000  # mujoco.Renderer's own limit
 _LARGEST_PX = 16_384  # what OpenGL drivers offer; a picture this large means a distortion gone wild
-
-GRAPHICS_HELP = (
-    "rendering needs OpenGL through EGL, which did not start ({cause}). "
-    "On Debian or Ubuntu: apt-get install libegl1 libopengl0 libgl1-mesa-dri"
-)
 
 
 class AmbientRenderer:
@@ -212,7 +208,7 @@ def _open_graphics(model: mujoco.MjModel, width_px: int, height_px: int) -> tupl
         gl_context.make_current()
         buffers = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
     except (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError) as error:
-        raise NotReady(GRAPHICS_HELP.format(cause=str(error) or type(error).__name__)) from error
+        raise NotReady(OPENGL_HELP.format(cause=str(error) or type(error).__name__)) from error
     finally:
         quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = before
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, buffers)
