@@ -83,9 +83,3 @@ def test_calibrations_are_left_as_readable_files(tmp_path):
     job.write_calibration("hand_eye", {"T_flange_camera": np.eye(4), "verdict": "accepted"})
     content = read_yaml(tmp_path / "calibration" / "hand_eye.yaml")
     assert content == {"T_flange_camera": np.eye(4).tolist(), "verdict": "accepted"}
-
-
-def test_no_recording_is_wanted_when_it_is_switched_off(tmp_path):
-    for enabled, path in ((True, tmp_path / "recording.rrd"), (False, None)):
-        config = resolve("boss", options={"recording.enabled": enabled}).config
-        assert Job(scenario="boss", seed=0, config=config, folder=tmp_path).recording_path == path

@@ -344,3 +344,9 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.rrd").write_text("not a recording at all, only a line of text")
     with pytest.raises(BadInput, match=r"text\.rrd"):
         check_recording(tmp_path / "text.rrd")
+
+
+def test_nothing_is_written_when_it_is_switched_off(tmp_path):
+    with Recording(tmp_path / "recording.rrd", RecordingConfig(enabled=False), title="off") as recording:
+        recording.log_text("results", "# none")
+    assert list(tmp_path.iterdir()) == []

@@ -29,9 +29,9 @@ class Job:
     """Where to say how far the work has come (silent unless a command line listens)."""
 
     @property
-    def recording_path(self) -> Path | None:
-        """Where to write the recording; None if the configuration wants none."""
-        return self.folder / "recording.rrd" if self.config.recording.enabled else None
+    def recording_path(self) -> Path:
+        """Where to write the recording, if the configuration wants one."""
+        return self.folder / "recording.rrd"
 
     def write_calibration(self, name: str, result: Mapping[str, Any]) -> None:
         """Leaves calibration/NAME.yaml: numbers, texts, arrays and nested mappings of them, units in the names."""

@@ -17,10 +17,9 @@ from weldcell.scenarios.station import Station
 @contextmanager
 def station_for(job: Job) -> Iterator[Station]:
     """The station of a job, with its recording."""
-    path = job.folder / "recording.rrd"
     title = f"{job.scenario}, robot {job.config.robot}, seed {job.seed}"
     with (
-        Recording(path, job.config.recording, title=title) as recording,
+        Recording(job.recording_path, job.config.recording, title=title) as recording,
         Station(job.config, job.seed, recording, job.progress) as station,
     ):
         yield station
