@@ -153,7 +153,7 @@ class LaserPlane:
 
     def distance_m(self, points_camera: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
         """Signed distance of points from the plane, positive on the normal's side."""
-        return points_camera @ self.normal_camera - self.offset_m
+        return np.asarray(points_camera @ self.normal_camera - self.offset_m)
 
     def intersect(self, rays: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """Where rays from the camera's centre meet the plane; NaN for rays that never do."""

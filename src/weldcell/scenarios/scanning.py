@@ -37,6 +37,7 @@ class ScanPath:
 def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> Iterator[Sight]:
     """The pictures along a path, one by one; raises OutOfReach, before moving, if the arm cannot follow it."""
     motion = _motion(station, path)
+    _require_speeds(station, motion)
     station.go(motion.joints_rad[0])
     start_s = station.time_s
     for index in station.progress.track(range(len(motion.times_s)), f"scan {stage}"):
@@ -52,6 +53,14 @@ def _motion(station: Station, path: ScanPath) -> Motion:
         if joints_rad is not None:
             return Motion(times_s=path.times_s, joints_rad=joints_rad)
     raise OutOfReach("scan: the arm cannot carry the sensor along the path within its limits and clear of the parts")
+
+
+def _require_speeds(station: Station, motion: Motion) -> None:
+    """Refuses a scan that is faster than the arm's joints."""
+    speeds = np.abs(np.diff(motion.joints_rad, axis=0)) / np.diff(motion.times_s)[:, None]
+    share = float(np.max(speeds / station.controller.speeds_rad_s))
+    if share > 1:
+        raise OutOfReach(f"scan: the path takes {share:.1f} times the joints' largest speed, expected a slower scan")
 
 
 def _flange(

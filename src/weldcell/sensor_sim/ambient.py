@@ -15,7 +15,6 @@ import os
 import sys
 import weakref
 from types import TracebackType
-from typing import Self
 
 import cv2
 import mujoco
@@ -64,7 +63,7 @@ class AmbientRenderer:
         self._finalizer = weakref.finalize(self, _close_graphics, *graphics)
         self._finalizer.atexit = False  # at exit the driver may be gone already; the process frees all
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "AmbientRenderer":
         return self
 
     def __exit__(

@@ -51,7 +51,7 @@ class EmbreeRays:
             R_base_geom = data.geom_xmat[geom].reshape(3, 3)
             origin_geom = (origin - data.geom_xpos[geom]) @ R_base_geom
             stretch = entry_m[rays], distance_m[rays]
-            met_m, normals_geom = self._meet(geom, origin_geom, directions[rays] @ R_base_geom, *stretch)
+            met_m, normals_geom = self._meet(int(geom), origin_geom, directions[rays] @ R_base_geom, *stretch)
             nearer = met_m < distance_m[rays]
             rays = rays[nearer]
             distance_m[rays] = met_m[nearer]

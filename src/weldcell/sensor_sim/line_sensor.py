@@ -1,7 +1,6 @@
 """The laser-line sensor: from the scene and the camera's actual pose to the picture that it takes."""
 
 from types import TracebackType
-from typing import Self
 
 import mujoco
 import numpy as np
@@ -41,7 +40,7 @@ class LineSensor:
         self._caster = RayCaster(model)
         self._ambient = AmbientRenderer(model, camera, config.ambient_grey)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "LineSensor":
         return self
 
     def __exit__(

@@ -7,7 +7,7 @@ rays); `embree_rays` and `mujoco_rays` do the rest.
 import copy
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -40,6 +40,7 @@ class RayHits:
     """The geom; -1 for a miss."""
 
 
+@runtime_checkable
 class _Tracer(Protocol):
     """What finds the nearest hits on the chosen geoms: distances, normals, geoms (-1 for a miss)."""
 
