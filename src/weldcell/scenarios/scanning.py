@@ -12,7 +12,7 @@ from weldcell.cell.world.motion import Motion
 from weldcell.scenarios.station import Sight, Station
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
 
-_LARGEST_STEP_RAD = 0.2  # between two pictures; more means that the arm changed its configuration
+_LARGEST_STEP_RAD = 0.6  # between two pictures; more means that the arm changed its configuration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class ScanPath:
 
 def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> Iterator[Sight]:
     """The pictures along a path, one by one; raises OutOfReach, before moving, if the arm cannot follow it."""
-    motion = _motion(station, path)
+    motion = _motion(station, path, stage)
     _require_speeds(station, motion)
     station.go(motion.joints_rad[0])
     start_s = station.time_s
@@ -45,14 +45,16 @@ def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> 
         yield station.see(stage, first_index + index)
 
 
-def _motion(station: Station, path: ScanPath) -> Motion:
+def _motion(station: Station, path: ScanPath, stage: str) -> Motion:
     along = zip(path.points_base, path.headings_rad, strict=True)
     poses = [_flange(station, point, heading, path.lean_rad) for point, heading in along]
     for start_rad in station.controller.all_inverse(poses[0]):
         joints_rad = _followed(station, poses, start_rad)
         if joints_rad is not None:
             return Motion(times_s=path.times_s, joints_rad=joints_rad)
-    raise OutOfReach("scan: the arm cannot carry the sensor along the path within its limits and clear of the parts")
+    raise OutOfReach(
+        f"{stage}: the arm cannot carry the sensor along the path within its limits and clear of the parts"
+    )
 
 
 def _require_speeds(station: Station, motion: Motion) -> None:

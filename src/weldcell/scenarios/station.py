@@ -11,6 +11,7 @@ from weldcell.cell.frames import rigid_from, translation
 from weldcell.cell.optics import CameraModel, LaserPlane
 from weldcell.cell.profile import JointFeatures, Profile, Shot, Stripe
 from weldcell.cell.randomness import generator
+from weldcell.cell.world.controller import Controller
 from weldcell.cell.world.motion import MotionPlanner
 from weldcell.cell.world.robot_error import BUDGETS, RobotError, draw_error
 from weldcell.cell.world.scene import (
@@ -24,12 +25,13 @@ from weldcell.cell.world.scene import (
 )
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
-from weldcell.scenarios.torch_poses import flange_at
+from weldcell.scenarios.torch_poses import flange_at, torch_rotation
 from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
 from weldcell.sensor_sim.line_sensor import LineSensor
 from weldcell.tracking.stripe import find_stripe
 from weldcell.tracking.triangulation import triangulate
 
+_HOME_TIP_BASE = np.array([0.93, 0.0, 0.60])
 _SPHERE_MISPLACEMENT_M = 1.5e-3  # one sigma: a stand put down by eye and jogged to by hand
 
 
@@ -64,17 +66,18 @@ class Station:
         self.cell = build_cell(self.parts, error)
         known_cell = build_cell(self.parts, None)
         self.controller = build_controller(known_cell)
-        self.planner = MotionPlanner(controller=self.controller, known_cell=known_cell, home_rad=HOME_RAD)
+        self.heading_rad = float(np.radians(config.seam.yaw_deg))
+        home_rad = home_posture(self.controller, self.heading_rad)
+        self.planner = MotionPlanner(controller=self.controller, known_cell=known_cell, home_rad=home_rad)
         source_camera = nominal_source_camera(config.sensor)
         self.sensor = LineSensor(config.sensor, camera, plane, source_camera, self.cell.model)
-        self.joints_rad = HOME_RAD.copy()
+        self.joints_rad = home_rad.copy()
         self.time_s = 0.0
         self.frame = 0
         self.drawing_T_flange_camera = DRAWN_T_FLANGE_CAMERA
         self.tip_nominal_flange = DRAWN_T_FLANGE_TORCH.translation
         self.rotation_flange_torch = DRAWN_T_FLANGE_TORCH.rotation
         self.crossing_flange = DRAWN_T_FLANGE_CAMERA.apply([0, 0, 1e-3 * config.sensor.working_distance_mm])
-        self.heading_rad = float(np.radians(config.seam.yaw_deg))
         self.sphere_known_base = 1e-3 * np.array(config.calibration.sphere_position_mm)
         self.recording.log_cell(self.cell.model)
         self.recording.log_sensor(camera=camera, plane=plane, fan_rad=float(np.radians(config.sensor.laser_fan_deg)))
@@ -184,6 +187,13 @@ class Station:
             for other, T_base_shelf in SHELF.items():
                 cell.place(other, T if other == part else T_base_shelf)
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
+
+
+def home_posture(controller: Controller, heading_rad: float) -> Float[np.ndarray, "6"]:
+    """Readings with the torch upright over the table, clear of everything, its sensor ahead in this direction."""
+    rotation_base_flange = torch_rotation(heading_rad) * DRAWN_T_FLANGE_TORCH.rotation.inv()
+    T_base_flange = flange_at(_HOME_TIP_BASE, rotation_base_flange, DRAWN_T_FLANGE_TORCH.translation)
+    return controller.inverse(T_base_flange, HOME_RAD)
 
 
 def believed_sensor(camera: CameraModel, plane: LaserPlane, error: RobotError) -> SensorBelief:

@@ -23,7 +23,7 @@ from weldcell.models.workpiece import Workpiece
 DRAWN_T_FLANGE_CAMERA = T_FLANGE_CAMERA
 DRAWN_T_FLANGE_TORCH = T_FLANGE_TORCH
 HOME_RAD = np.radians([11.7, -75.7, 76.3, -34.4, 96.1, -80.0])
-"""Tool above the table, clear of everything that may stand on it."""
+"""A posture with the tool above the table, clear of everything: the arm's usual configuration."""
 
 _POST_M = 0.30  # from the sphere's centre to its stand's foot, which is clamped under the table's top
 SHELF = {
