@@ -16,33 +16,19 @@ from scipy.special import fdtrc
 from weldcell.calib import hand_eye
 from weldcell.calib.consensus import FEWEST_AGREEING, WRONG_SHARE, Misses, agreeing, most_wrong
 from weldcell.calib.hand_eye import DOUBTFUL_RMS_M, REFUSED_RMS_M, HandEyeProblem
-from weldcell.calib.least_squares import Fit, Model, fit
-from weldcell.calib.sight_model import (
-    ROTATION,
-    TRANSLATION,
-    jacobian_of,
-    lever_m,
-    perturbed,
-    right_jacobian,
-    sight_blocks,
-    targets_base,
-)
+from weldcell.calib.joint_hand_eye import SIGMA_M, JointEstimate, joint_estimate
+from weldcell.calib.sight_model import targets_base
 from weldcell.calib.verdict import (
     REFUSED_CONDITION,
-    Block,
     Finding,
-    Observability,
     Verdict,
     judge,
-    observe,
     weigh_condition,
     weigh_convergence,
     weigh_residual,
     weigh_spare,
 )
 
-_SIGMA_M = 1e-6  # promised, so that the residuals' own spread decides the covariance
-_ROUNDS = 2  # the second starts its perturbation anew from zero, where the covariance is defined
 _CHANCE = 1e-3  # of groups said to disagree that do not
 _GAP_RATIO = 3.0  # times the residuals: a robot's errors differ between groups, too
 _FEWEST = 3  # poses of one orientation, or free ones with a target of their own
@@ -82,31 +68,11 @@ def solve(problem: HandEyeProblem) -> RobustHandEyeResult:
     sound = _sound_rows(problem, problem.group)
     checked = _only(problem, sound)
     start = hand_eye.solve(checked).T_flange_camera
-    common = _joint(checked, start, np.zeros(int(np.sum(sound)), dtype=int))
+    common = joint_estimate(checked, start, np.zeros(int(np.sum(sound)), dtype=int))
     apart = _apart(checked, start)
     gap_findings, disagree = _weigh_gap(apart, common)
     joint = apart if disagree and apart is not None else common
     return _judged(problem, sound, checked, joint, gap_findings)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Joint:
-    """One least squares estimate over rows with one target or two."""
-
-    T_flange_camera: RigidTransform
-    targets_base: Float[np.ndarray, "g 3"]
-    places: Int[np.ndarray, "k"]
-    """Which target each row saw."""
-    found: Fit
-    seen: Observability
-
-    @property
-    def rms_m(self) -> float:
-        return float(np.sqrt(np.mean(np.sum(self.found.residuals**2, axis=1)))) * _SIGMA_M
-
-    @property
-    def freedom(self) -> int:
-        return self.found.residuals.size - len(self.found.parameters)
 
 
 def _sound_rows(problem: HandEyeProblem, group: Bool[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
@@ -161,58 +127,16 @@ def _only(problem: HandEyeProblem, rows: Bool[np.ndarray, "n"]) -> HandEyeProble
     )
 
 
-def _apart(problem: HandEyeProblem, start: RigidTransform) -> _Joint | None:
+def _apart(problem: HandEyeProblem, start: RigidTransform) -> JointEstimate | None:
     """The estimate with a target for either group; None where the rows do not determine it."""
     free = ~problem.group
     if np.sum(free) < _FEWEST or np.sum(~free) < _FEWEST:
         return None
-    joint = _joint(problem, start, free.astype(int))
+    joint = joint_estimate(problem, start, free.astype(int))
     return joint if joint.seen.condition_number < REFUSED_CONDITION else None
 
 
-def _joint(problem: HandEyeProblem, T_flange_camera: RigidTransform, places: Int[np.ndarray, "n"]) -> _Joint:
-    count = int(places.max()) + 1
-    targets = targets_base(problem.T_base_flange, T_flange_camera, problem.centres_camera)
-    means = np.array([targets[places == place].mean(axis=0) for place in range(count)])
-    for _ in range(_ROUNDS):
-        start = np.concatenate([np.zeros(6), means.ravel()])
-        found = fit(_model(problem, T_flange_camera, places), start, robust=False)
-        T_flange_camera = perturbed(T_flange_camera, found.parameters[:6])
-        means = found.parameters[6:].reshape(-1, 3)
-    jacobian = found.jacobian.reshape(-1, len(found.parameters)) * _SIGMA_M
-    names = ("target along",) if count == 1 else ("the translations' target along", "the free poses' target along")
-    blocks = [*sight_blocks(lever_m(problem.centres_camera))[:2], *(Block(name=name, frame="base") for name in names)]
-    return _Joint(
-        T_flange_camera=T_flange_camera,
-        targets_base=means,
-        places=places,
-        found=found,
-        seen=observe(jacobian, blocks),
-    )
-
-
-def _model(problem: HandEyeProblem, T_start: RigidTransform, places: Int[np.ndarray, "n"]) -> Model:
-    """Residuals in sigmas by a perturbation of `T_start` and the targets, with derivatives."""
-    R_base_flange, flange_base = problem.T_base_flange.rotation.as_matrix(), problem.T_base_flange.translation
-    R_start, start_flange = T_start.rotation.as_matrix(), T_start.translation
-    rows = np.arange(len(places))
-
-    def model(parameters: Float[np.ndarray, "p"]) -> tuple[np.ndarray, np.ndarray]:
-        R_flange_camera = R_start @ Rotation.from_rotvec(parameters[ROTATION]).as_matrix()
-        seen_flange = problem.centres_camera @ R_flange_camera.T + start_flange + parameters[TRANSLATION]
-        seen_base = np.einsum("nij,nj->ni", R_base_flange, seen_flange) + flange_base
-        by_mount = jacobian_of(R_base_flange, R_flange_camera, problem.centres_camera)[..., :6]
-        by_mount[..., ROTATION] = by_mount[..., ROTATION] @ right_jacobian(parameters[ROTATION])
-        by_targets = np.zeros((len(rows), 3, (len(parameters) - 6) // 3, 3))
-        by_targets[rows, :, places] = -np.eye(3)
-        jacobian = np.concatenate([by_mount, by_targets.reshape(len(rows), 3, -1)], axis=-1)
-        residuals = seen_base - parameters[6:].reshape(-1, 3)[places]
-        return residuals / _SIGMA_M, jacobian / _SIGMA_M
-
-    return model
-
-
-def _weigh_gap(apart: _Joint | None, common: _Joint) -> tuple[list[Finding], bool]:
+def _weigh_gap(apart: JointEstimate | None, common: JointEstimate) -> tuple[list[Finding], bool]:
     """Whether the two groups put the target in different places: F test, and clear of the residuals' size."""
     if apart is None:
         return [], False
@@ -221,7 +145,7 @@ def _weigh_gap(apart: _Joint | None, common: _Joint) -> tuple[list[Finding], boo
     spread = to_gap @ apart.found.covariance[6:, 6:] @ to_gap.T
     chance = fdtrc(3, max(apart.freedom, 1), gap @ np.linalg.solve(spread, gap) / 3)
     gap_m = float(np.linalg.norm(gap))
-    if chance > _CHANCE or gap_m < _GAP_RATIO * apart.rms_m or common.rms_m < _SIGMA_M:
+    if chance > _CHANCE or gap_m < _GAP_RATIO * apart.rms_m or common.rms_m < SIGMA_M:
         return [], False
     numbers = ", ".join(f"{value * 1e3:.1f}" for value in gap)
     reason = (
@@ -236,7 +160,7 @@ def _judged(
     problem: HandEyeProblem,
     sound: Bool[np.ndarray, "n"],
     checked: HandEyeProblem,
-    joint: _Joint,
+    joint: JointEstimate,
     findings: list[Finding],
 ) -> RobustHandEyeResult:
     rotation_seen, translation_seen = hand_eye.observe_steps(checked, joint.T_flange_camera)
@@ -308,7 +232,7 @@ def _weigh_rows(group: Bool[np.ndarray, "n"], sound: Bool[np.ndarray, "n"]) -> l
     return findings
 
 
-def _leave_one_out_rms_m(joint: _Joint) -> float:
+def _leave_one_out_rms_m(joint: JointEstimate) -> float:
     """Each row against the estimate without it: (I - H_ii)^-1 r_i with H the hat matrix (exact for linear models)."""
     jacobian = joint.found.jacobian
     flat = jacobian.reshape(-1, jacobian.shape[-1])
@@ -317,4 +241,4 @@ def _leave_one_out_rms_m(joint: _Joint) -> float:
     if np.linalg.svd(rest, compute_uv=False).min() < 1e-9:
         return float("nan")
     left_out = np.linalg.solve(rest, joint.found.residuals[..., None])[..., 0]
-    return float(np.sqrt(np.mean(np.sum(left_out**2, axis=1)))) * _SIGMA_M
+    return float(np.sqrt(np.mean(np.sum(left_out**2, axis=1)))) * SIGMA_M
