@@ -37,25 +37,12 @@ def hand_eye_report(
     seen_ids = [name for name, why in zip(ids, unseen, strict=True) if not why]
     outliers = [name for name, sound in zip(seen_ids, found.sound, strict=True) if not sound]
     outliers += [name for name, why in zip(ids, unseen, strict=True) if why]
-    lengths_mm = np.linalg.norm(found.residuals_base, axis=1) * 1e3
-    reasons = [
-        f"id {name} is an outlier: it misses the others' target by {length:.3g} mm"
-        for name, length, sound in zip(seen_ids, lengths_mm, found.sound, strict=True)
-        if not sound
-    ]
-    reasons += [f"id {name} is left out: {why}" for name, why in zip(ids, unseen, strict=True) if why]
     final = found if touched is None else touched[1]
     residuals_base = found.residuals_base.copy()
     if touched is not None:
         residuals_base[found.sound] = touched[1].residuals_base
-    verdicts = [found.verdict] if touched is None else [found.verdict, touched[0].verdict, touched[1].verdict]
-    weighed = list(found.reasons) if touched is None else [*found.reasons, *touched[0].reasons, *touched[1].reasons]
-    if touched is not None and len(found.targets_base) > 1:
-        verdicts.append("refused")
-        weighed.append(
-            "touches: the pose groups disagree about the sphere's place, so no touched centre holds for both"
-        )
-    verdict = min(verdicts, key=_WORST.index)
+    left_out = _left_out(ids, unseen, found)
+    verdict, weighed = _weighed(found, touched)
     if verdict == "accepted" and (doubts or len(outliers) > WRONG_SHARE * len(ids)):
         verdict = "doubtful"
     refused = verdict == "refused"
@@ -71,7 +58,7 @@ def hand_eye_report(
         "observability": list(found.observability),
         "leave_one_out_rms_mm": found.leave_one_out_rms_m * 1e3 if touched is None else None,
         "verdict": verdict,
-        "reasons": [*weighed, *doubts, *reasons],
+        "reasons": [*weighed, *doubts, *left_out],
         "notes": list(notes),
     }
     if touched is not None:
@@ -82,6 +69,33 @@ def hand_eye_report(
             "compensation_rms_mm": touched[1].rms_m * 1e3,
         }
     return report
+
+
+def _weighed(
+    found: RobustHandEyeResult, touched: tuple[TouchResult, CompensationResult] | None
+) -> tuple[Verdict, list[str]]:
+    """The worst verdict of all steps, and all their reasons."""
+    steps = (found,) if touched is None else (found, *touched)
+    verdicts = [step.verdict for step in steps]
+    reasons = [reason for step in steps for reason in step.reasons]
+    if touched is not None and len(found.targets_base) > 1:
+        verdicts.append("refused")
+        reasons.append(
+            "touches: the pose groups disagree about the sphere's place, so no touched centre holds for both"
+        )
+    return min(verdicts, key=_WORST.index), reasons
+
+
+def _left_out(ids: Sequence[str], unseen: Sequence[str], found: RobustHandEyeResult) -> list[str]:
+    """Why ids do not count, a line each."""
+    seen_ids = [name for name, why in zip(ids, unseen, strict=True) if not why]
+    lengths_mm = np.linalg.norm(found.residuals_base, axis=1) * 1e3
+    outliers = [
+        f"id {name} is an outlier: it misses the others' target by {length:.3g} mm"
+        for name, length, sound in zip(seen_ids, lengths_mm, found.sound, strict=True)
+        if not sound
+    ]
+    return outliers + [f"id {name} is left out: {why}" for name, why in zip(ids, unseen, strict=True) if why]
 
 
 def _targets(ids: Sequence[str], unseen: Sequence[str], found: RobustHandEyeResult) -> list[dict[str, Any]]:
