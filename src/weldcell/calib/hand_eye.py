@@ -118,7 +118,7 @@ def solve(problem: HandEyeProblem) -> HandEyeResult:
     residuals_base = targets_base(problem.T_base_flange, T_flange_camera, problem.centres_camera) - target_base
     residual_m = np.linalg.norm(residuals_base, axis=1)
     rms_m = float(np.sqrt(np.mean(residual_m**2)))
-    rotation_seen, translation_seen = _observe(problem, T_flange_camera)
+    rotation_seen, translation_seen = observe_steps(problem, T_flange_camera)
     findings += weigh_condition(rotation_seen, "rotation") + weigh_condition(translation_seen, "translation")
     findings += weigh_residual(rms_m, "hand-eye", doubtful_m=DOUBTFUL_RMS_M, refused_m=REFUSED_RMS_M)
     findings += weigh_outliers(residual_m, "sight") + weigh_spare(3 * len(residual_m), 9)
@@ -191,12 +191,12 @@ def _solve_rotation(problem: HandEyeProblem) -> tuple[Rotation, list[Finding]]:
     group = problem.group
     rotations = problem.T_base_flange.rotation[group]
     turned_rad = float((rotations.mean().inv() * rotations).magnitude().max())
-    moves_camera, moves_flange = _moves(problem)
+    moves_camera, moves_flange = group_moves(problem)
     rotation, values = rotation_between(moves_camera, moves_flange)
-    return rotation, _weigh_moves(moves_camera, moves_flange, values, turned_rad)
+    return rotation, weigh_moves(moves_camera, moves_flange, values, turned_rad)
 
 
-def _moves(problem: HandEyeProblem) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+def group_moves(problem: HandEyeProblem) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
     """The target's moves in the camera and the flange's, turned round, in flange axes; both from their means."""
     group = problem.group
     flange_base = problem.T_base_flange.translation[group]
@@ -205,7 +205,7 @@ def _moves(problem: HandEyeProblem) -> tuple[Float[np.ndarray, "k 3"], Float[np.
     return centres_camera - centres_camera.mean(axis=0), (flange_base.mean(axis=0) - flange_base) @ R_base_flange
 
 
-def _weigh_moves(
+def weigh_moves(
     moves_camera: Float[np.ndarray, "k 3"],
     moves_flange: Float[np.ndarray, "k 3"],
     values: Float[np.ndarray, "3"],
@@ -245,14 +245,14 @@ def _solve_translation(
     return rigid_from(R_flange_camera, solution[:3]), solution[3:]
 
 
-def _observe(problem: HandEyeProblem, T_flange_camera: RigidTransform) -> tuple[Observability, Observability]:
+def observe_steps(problem: HandEyeProblem, T_flange_camera: RigidTransform) -> tuple[Observability, Observability]:
     """What the poses tell of the rotation (with the group's common offset) and of translation and target.
 
     The first uses the flange's moves, not the camera's: noise of the sights would pass for a direction.
     """
     group = problem.group
     rotation_block, translation_block, target_block = sight_blocks(lever_m(problem.centres_camera))
-    _, moves_flange = _moves(problem)
+    _, moves_flange = group_moves(problem)
     centres = problem.centres_camera[group].mean(axis=0) + T_flange_camera.rotation.inv().apply(moves_flange)
     jacobian = sight_jacobian(problem.T_base_flange[group], T_flange_camera, centres)
     rotation_rows = np.concatenate([jacobian[..., ROTATION], jacobian[..., TARGET]], axis=-1).reshape(-1, 6)

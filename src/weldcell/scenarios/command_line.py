@@ -53,9 +53,9 @@ def _parse(arguments: Sequence[str], scenarios: Iterable[Scenario]) -> argparse.
     parser, commands = _parser(scenarios)
     parsed, unknown = parser.parse_known_args(options.normalised(arguments))
     if unknown:
-        known = options.option_strings(commands.choices[parsed.command])
-        hint = did_you_mean(unknown[0].partition("=")[0], known)
-        raise BadInput(f"found {unknown[0]!r}, which weldcell {parsed.command} does not take{hint}")
+        command = getattr(parsed, "parser", commands.choices[parsed.command])  # of `calibrate KIND`
+        hint = did_you_mean(unknown[0].partition("=")[0], options.option_strings(command))
+        raise BadInput(f"found {unknown[0]!r}, which {command.prog} does not take{hint}")
     return parsed
 
 
@@ -68,6 +68,8 @@ def _dispatch(parsed: argparse.Namespace, scenarios: tuple[Scenario, ...]) -> in
             sys.stdout.flush()
         case "run":
             return _run(parsed, find_scenario(parsed.scenario, scenarios))
+        case "calibrate":
+            return _calibrate(parsed)
         case "view":
             from weldcell.scenarios import recording  # rerun takes a second to import
 
@@ -97,6 +99,30 @@ def _run(parsed: argparse.Namespace, scenario: Scenario) -> int:
     for reason in outcome.reasons:
         print(f"weldcell: failed: {reason}", file=sys.stderr)
     return EXIT_FAILED if outcome.reasons else EXIT_DONE
+
+
+def _calibrate(parsed: argparse.Namespace) -> int:
+    from weldcell.scenarios import calibrate
+
+    verdict, reasons = calibrate.hand_eye(
+        calibrate.HandEyeRequest(
+            target=parsed.target,
+            radius_m=None if parsed.radius_mm is None else parsed.radius_mm * 1e-3,
+            side=parsed.side,
+            poses_file=parsed.poses,
+            points_file=parsed.points,
+            touches_file=parsed.touches,
+            tip_flange=None if parsed.tcp_mm is None else tuple(value * 1e-3 for value in parsed.tcp_mm),
+            tip_radius_m=parsed.tip_radius_mm * 1e-3,
+            euler=parsed.euler,
+        ),
+        parsed.out,
+        overwrite=parsed.overwrite,
+    )
+    for reason in reasons:
+        print(f"weldcell: {'failed' if verdict == 'refused' else 'warning'}: {reason}", file=sys.stderr)
+    print(f"{verdict}: {parsed.out / 'result.json'}")
+    return EXIT_FAILED if verdict == "refused" else EXIT_DONE
 
 
 def _picture(path: Path) -> Path:
@@ -129,6 +155,8 @@ def _parser(scenarios: Iterable[Scenario]) -> tuple[options.Parser, "argparse._S
     run.add_argument("--overwrite", action="store_true", help="replace a finished run (default: refuse)")
     options.add_field_options(run)
 
+    _add_calibrate(commands, everywhere)
+
     view = commands.add_parser(
         "view", parents=[everywhere], help="open a recording in the rerun viewer", description="Opens a recording."
     )
@@ -144,3 +172,30 @@ def _parser(scenarios: Iterable[Scenario]) -> tuple[options.Parser, "argparse._S
     snapshot.add_argument("--frame", metavar="K", type=int, help="number of the frame to show (default: the last)")
     snapshot.add_argument("--tab", metavar="NAME", help="the recording's tab to show (default: the first)")
     return parser, commands
+
+
+def _add_calibrate(commands: "argparse._SubParsersAction[options.Parser]", everywhere: options.Parser) -> None:
+    calibrate = commands.add_parser(
+        "calibrate", parents=[everywhere], help="the estimators on your own data", description="Calibrates from files."
+    )
+    kinds = calibrate.add_subparsers(dest="kind", required=True, metavar="KIND", parser_class=options.Parser)
+    hand_eye = kinds.add_parser(
+        "hand-eye",
+        parents=[everywhere],
+        help="where the sensor sits on the flange, from sights of one fixed target",
+        description="Where the sensor sits on the flange, from sights of one fixed point or sphere. Some poses must "
+        "keep one orientation (5 or more, moved along all axes), the others turn about different axes (5 or more).",
+    )
+    hand_eye.set_defaults(parser=hand_eye)
+    add = hand_eye.add_argument
+    add("--target", choices=("point", "sphere"), required=True, help="what the sensor saw")
+    add("--radius-mm", metavar="MM", type=float, help="the sphere's radius")
+    add("--side", type=int, choices=(-1, 1), help="+1: the sphere's centre lies at y > 0 (default: from the data)")
+    add("--poses", metavar="FILE.csv", type=Path, required=True, help="flange in the base, a row a pose")
+    add("--points", metavar="FILE.csv", type=Path, required=True, help="points in the sensor's frame, by id")
+    add("--touches", metavar="FILE.csv", type=Path, help="flange poses at touches of the sphere (default: none)")
+    add("--tcp-mm", metavar=("X", "Y", "Z"), nargs=3, type=float, help="torch tip in the flange, for touches")
+    add("--tip-radius-mm", metavar="MM", type=float, default=0.0, help="radius of the tip's rounding (default: 0)")
+    add("--euler", metavar="SEQ", help="rotation of rx,ry,rz: XYZ about the moving axes, xyz about the fixed ones")
+    add("--out", metavar="DIR", type=Path, required=True, help="where result.json goes")
+    add("--overwrite", action="store_true", help="replace a result (default: refuse)")
