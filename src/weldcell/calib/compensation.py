@@ -9,17 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from weldcell.calib.hand_eye import check_sights
 from weldcell.calib.least_squares import Fit, Model, fit
 from weldcell.calib.sight_model import (
-    ROTATION,
-    TRANSLATION,
-    jacobian_of,
     lever_m,
+    mount_model,
     perturbed,
-    right_jacobian,
     sight_blocks,
     sight_covariances_base,
     sight_jacobian,
@@ -144,16 +141,11 @@ def _judged(
 
 def _model(problem: CompensationProblem, T_start: RigidTransform, whitening: Float[np.ndarray, "n 3 3"]) -> Model:
     """Whitened residuals, and their derivatives by a perturbation of `T_start`."""
-    R_base_flange, flange_base = problem.T_base_flange.rotation.as_matrix(), problem.T_base_flange.translation
-    R_start, start_flange = T_start.rotation.as_matrix(), T_start.translation
+    sights = mount_model(problem.T_base_flange, T_start, problem.centres_camera)
 
     def model(parameters: Float[np.ndarray, "6"]) -> tuple[np.ndarray, np.ndarray]:
-        R_flange_camera = R_start @ Rotation.from_rotvec(parameters[ROTATION]).as_matrix()
-        seen_flange = problem.centres_camera @ R_flange_camera.T + start_flange + parameters[TRANSLATION]
-        seen_base = np.einsum("nij,nj->ni", R_base_flange, seen_flange) + flange_base
-        jacobian = jacobian_of(R_base_flange, R_flange_camera, problem.centres_camera)[..., :6]
-        jacobian[..., ROTATION] = jacobian[..., ROTATION] @ right_jacobian(parameters[ROTATION])
-        return np.einsum("nij,nj->ni", whitening, seen_base - problem.centre_base), whitening @ jacobian
+        seen_base, by_mount = sights(parameters)
+        return np.einsum("nij,nj->ni", whitening, seen_base - problem.centre_base), whitening @ by_mount
 
     return model
 

@@ -4,17 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from weldcell.calib.hand_eye import HandEyeProblem
 from weldcell.calib.least_squares import Fit, Model, fit
 from weldcell.calib.sight_model import (
-    ROTATION,
-    TRANSLATION,
-    jacobian_of,
     lever_m,
+    mount_model,
     perturbed,
-    right_jacobian,
     sight_blocks,
     targets_base,
 )
@@ -70,16 +67,11 @@ def joint_estimate(
 
 def _model(problem: HandEyeProblem, T_start: RigidTransform, places: Int[np.ndarray, "n"]) -> Model:
     """Residuals in sigmas by a perturbation of `T_start` and the targets, with derivatives."""
-    R_base_flange, flange_base = problem.T_base_flange.rotation.as_matrix(), problem.T_base_flange.translation
-    R_start, start_flange = T_start.rotation.as_matrix(), T_start.translation
+    sights = mount_model(problem.T_base_flange, T_start, problem.centres_camera)
     rows = np.arange(len(places))
 
     def model(parameters: Float[np.ndarray, "p"]) -> tuple[np.ndarray, np.ndarray]:
-        R_flange_camera = R_start @ Rotation.from_rotvec(parameters[ROTATION]).as_matrix()
-        seen_flange = problem.centres_camera @ R_flange_camera.T + start_flange + parameters[TRANSLATION]
-        seen_base = np.einsum("nij,nj->ni", R_base_flange, seen_flange) + flange_base
-        by_mount = jacobian_of(R_base_flange, R_flange_camera, problem.centres_camera)[..., :6]
-        by_mount[..., ROTATION] = by_mount[..., ROTATION] @ right_jacobian(parameters[ROTATION])
+        seen_base, by_mount = sights(parameters[:6])
         by_targets = np.zeros((len(rows), 3, (len(parameters) - 6) // 3, 3))
         by_targets[rows, :, places] = -np.eye(3)
         jacobian = np.concatenate([by_mount, by_targets.reshape(len(rows), 3, -1)], axis=-1)

@@ -7,6 +7,8 @@ Parameters, wherever they stand in a row of nine:
 The first six are the perturbation of T_flange_camera that every 6x6 covariance here refers to.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -29,6 +31,26 @@ def sight_jacobian(
 ) -> Float[np.ndarray, "n 3 9"]:
     """Derivatives of T_bf T_fc M_c - M_b by the nine parameters (residual in m, base axes)."""
     return jacobian_of(T_base_flange.rotation.as_matrix(), T_flange_camera.rotation.as_matrix(), centres_camera)
+
+
+def mount_model(
+    T_base_flange: RigidTransform, T_start: RigidTransform, centres_camera: Float[np.ndarray, "n 3"]
+) -> Callable[[Float[np.ndarray, "6"]], tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 6"]]]:
+    """What turns a perturbation of `T_start` (the first six parameters) into the targets in the base and their
+    derivatives; unlike `sight_jacobian` also away from zero.
+    """
+    R_base_flange, flange_base = T_base_flange.rotation.as_matrix(), T_base_flange.translation
+    R_start, start_flange = T_start.rotation.as_matrix(), T_start.translation
+
+    def model(parameters: Float[np.ndarray, "6"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 6"]]:
+        R_flange_camera = R_start @ Rotation.from_rotvec(parameters[ROTATION]).as_matrix()
+        seen_flange = centres_camera @ R_flange_camera.T + start_flange + parameters[TRANSLATION]
+        seen_base = np.einsum("nij,nj->ni", R_base_flange, seen_flange) + flange_base
+        by_mount = jacobian_of(R_base_flange, R_flange_camera, centres_camera)[..., :6]
+        by_mount[..., ROTATION] = by_mount[..., ROTATION] @ right_jacobian(parameters[ROTATION])
+        return seen_base, by_mount
+
+    return model
 
 
 def jacobian_of(

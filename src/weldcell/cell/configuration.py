@@ -13,7 +13,6 @@ RobotTier = Literal["perfect", "calibrated", "typical", "bad", "paper"]
 Positive = Annotated[float, Gt(0), Le(1e6)]
 Unsigned = Annotated[float, Ge(0), Le(1e6)]
 Finite = Annotated[float, Ge(-1e6), Le(1e6)]
-Count = Annotated[int, Ge(0), Le(100_000)]
 Point = tuple[Finite, Finite, Finite]
 
 

@@ -34,7 +34,7 @@ class ScanPath:
         return np.concatenate([[0.0], np.cumsum(steps_m)]) / self.speed_m_s
 
 
-def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> Iterator[Sight]:
+def scan(station: Station, path: ScanPath, stage: str) -> Iterator[Sight]:
     """The pictures along a path, one by one; raises OutOfReach, before moving, if the arm cannot follow it."""
     motion = _motion(station, path, stage)
     _require_speeds(station, motion)
@@ -42,7 +42,7 @@ def scan(station: Station, path: ScanPath, stage: str, first_index: int = 0) -> 
     start_s = station.time_s
     for index in station.progress.track(range(len(motion.times_s)), f"scan {stage}"):
         station.stand_at(motion.joints_rad[index], start_s + motion.times_s[index])
-        yield station.see(stage, first_index + index)
+        yield station.see(stage, index)
 
 
 def _motion(station: Station, path: ScanPath, stage: str) -> Motion:

@@ -68,25 +68,20 @@ def verify(station: Station, before: Alignment, after: Alignment) -> dict[str, f
             visit_point(station, f"{where}_{k + 1}", 1e-3 * np.array(offset_mm), after)
             for k, offset_mm in enumerate(offsets_mm)
         ]
-        errors = {"before": _errors_mm(station, checks, before), "after": _errors_mm(station, checks, after)}
+        tips = {
+            when: {check.name: tips_base(station, check, alignment) for check in checks}
+            for when, alignment in (("before", before), ("after", after))
+        }
+        errors = {
+            when: [1e3 * np.linalg.norm(found[check.name] - check.point_base, axis=1) for check in checks]
+            for when, found in tips.items()
+        }
         if where == "far":
             metrics |= {f"far_error_{when}_mm": float(np.concatenate(e).mean()) for when, e in errors.items() if e}
         else:
             for k in range(len(checks)):
                 metrics |= {f"point_{k + 1}_error_{when}_mm": float(e[k].mean()) for when, e in errors.items()}
-        _record(station, checks, {"before": before, "after": after})
+        if checks:
+            exact = {check.name: check.point_base for check in checks}
+            station.recording.log_points(exact, tips, frame=station.frame, time_s=station.time_s)
     return metrics
-
-
-def _errors_mm(station: Station, checks: list[PointCheck], alignment: Alignment) -> list[Float[np.ndarray, "n"]]:
-    return [1e3 * np.linalg.norm(tips_base(station, check, alignment) - check.point_base, axis=1) for check in checks]
-
-
-def _record(station: Station, checks: list[PointCheck], alignments: dict[str, Alignment]) -> None:
-    tips = {
-        when: {check.name: tips_base(station, check, alignment) for check in checks}
-        for when, alignment in alignments.items()
-    }
-    exact = {check.name: check.point_base for check in checks}
-    if exact:
-        station.recording.log_points(exact, tips, frame=station.frame, time_s=station.time_s)

@@ -29,10 +29,6 @@ class Motion:
     joints_rad: Float[np.ndarray, "n 6"]
     """Readings at these times."""
 
-    @property
-    def duration_s(self) -> float:
-        return float(self.times_s[-1])
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionPlanner:
@@ -63,8 +59,6 @@ class MotionPlanner:
 
     def move(self, start_rad: Float[np.ndarray, "6"], goal_rad: Float[np.ndarray, "6"]) -> Motion:
         """A motion from one posture to another; raises OutOfReach if no way clear of the parts is found."""
-        if self._clear(start_rad, goal_rad):
-            return self._timed([start_rad, goal_rad])
         for stops in self._routes(start_rad, goal_rad):
             if all(self._clear(a, b) for a, b in zip(stops[:-1], stops[1:], strict=True)):
                 return self._timed(stops)
@@ -72,11 +66,13 @@ class MotionPlanner:
 
     def _routes(self, start_rad: Float[np.ndarray, "6"], goal_rad: Float[np.ndarray, "6"]) -> Iterator[list]:
         """Ways to try, the plainest first: direct, then by retreats at either end, then by way of home as well."""
+        yield [start_rad, goal_rad]
         leaving = [[], *([q] for q in self._retreats(start_rad))]
         coming = [[], *([q] for q in self._retreats(goal_rad))]
         for middle in ([], [self.home_rad]):
             for leave, come in sorted(product(leaving, coming), key=lambda pair: len(pair[0]) + len(pair[1])):
-                yield [start_rad, *leave, *middle, *come, goal_rad]
+                if leave or middle or come:
+                    yield [start_rad, *leave, *middle, *come, goal_rad]
 
     def _retreats(self, joints_rad: Float[np.ndarray, "6"]) -> Iterator[Float[np.ndarray, "6"]]:
         """Free postures above, and behind along the flange's axis, that can be reached straight."""

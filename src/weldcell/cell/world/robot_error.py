@@ -1,6 +1,6 @@
 """How the actual robot and sensor differ from what the controller believes: the error budgets, drawn by seed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -134,16 +134,4 @@ def draw_error(budget: ErrorBudget, rng: np.random.Generator) -> RobotError:
 
 def exact_robot() -> RobotError:
     """A robot and sensor as drawn, mount included: what the controller knows."""
-    return RobotError(
-        link_m=np.zeros((JOINTS, 3)),
-        twist_rad=np.zeros((JOINTS, 3)),
-        zero_rad=np.zeros(JOINTS),
-        compliance_rad_per_nm=np.zeros(JOINTS),
-        repeatability_rad=0.0,
-        tip_flange_m=np.zeros(3),
-        T_camera_mount=RigidTransform.identity(),
-        focal_ratio=0.0,
-        principal_px=np.zeros(2),
-        plane_rad=np.zeros(3),
-        plane_m=0.0,
-    )
+    return draw_error(replace(BUDGETS["perfect"], mount_m=0.0, mount_rad=0.0), np.random.default_rng(0))
