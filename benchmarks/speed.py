@@ -18,18 +18,20 @@ from weldcell.scenarios.scanning import scan
 from weldcell.scenarios.seam_tracking import taught_path
 from weldcell.scenarios.station import Station
 from weldcell.sensor_sim.ambient import AmbientRenderer
+from weldcell.sensor_sim.chip import camera_chip, expose
 from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
 from weldcell.sensor_sim.drawing import draw_stripe
-from weldcell.sensor_sim.light_section import laser_fan, light_section
-from weldcell.sensor_sim.noise import expose, noise_model
+from weldcell.sensor_sim.laser import laser_fan
+from weldcell.sensor_sim.light_section import light_section
 from weldcell.sensor_sim.rays import RayCaster
+from weldcell.sensor_sim.reflectance import irradiance, light_reference
+from weldcell.sensor_sim.speckle import nominal_speckle, with_speckle
 from weldcell.sensor_sim.stripe import stripe_optics, stripe_pieces
 from weldcell.tracking.joint import find_joint
 from weldcell.tracking.stripe import find_stripe
 from weldcell.tracking.triangulation import triangulate
 
 FRAMES = 40
-_RAYS_PER_COLUMN = 2  # as LineSensor has it
 
 
 def frame_times(frames: int = FRAMES) -> dict[str, float]:
@@ -57,9 +59,10 @@ class _Parts:
     def __init__(self, station: Station) -> None:
         sensor = station.config.sensor
         self.camera, plane = nominal_camera(sensor), nominal_plane(sensor)
-        count = _RAYS_PER_COLUMN * self.camera.width_px
-        self.fan = laser_fan(plane, nominal_source_camera(sensor), np.radians(sensor.laser_fan_deg), count)
-        self.optics, self.noise = stripe_optics(sensor), noise_model(sensor)
+        self.fan = laser_fan(sensor, plane, nominal_source_camera(sensor))
+        self.reference = light_reference(self.fan)
+        self.optics = stripe_optics(sensor, self.camera, self.fan)
+        self.speckle, self.chip = nominal_speckle(sensor), camera_chip(sensor)
         self.caster = RayCaster(station.cell.model)
         self.ambient = AmbientRenderer(station.cell.model, self.camera, sensor.ambient_grey)
 
@@ -68,10 +71,13 @@ def _one_frame(watch: Stopwatch, station: Station, parts: _Parts, index: int) ->
     data, T_base_camera, camera = station.cell.data, station.cell.T_base("camera"), parts.camera
     rng = np.random.default_rng(index)
     section = watch.run("rays", lambda: light_section(parts.caster, data, T_base_camera, camera, parts.fan))
-    pieces = watch.run("stripe pieces", lambda: stripe_pieces(section, camera, parts.fan, parts.optics))
+    brightness = irradiance(section, parts.fan.power_ratio, parts.reference)
+    pieces = watch.run("stripe pieces", lambda: stripe_pieces(section, brightness, camera, parts.optics))
     ambient = watch.run("ambient picture", lambda: parts.ambient.render(data, T_base_camera))
     light = watch.run("stripe drawing", lambda: draw_stripe(pieces, camera.width_px, camera.height_px))
-    image = watch.run("noise and 8 bits", lambda: expose(ambient, light, parts.noise, rng))
+    image = watch.run(
+        "noise and 8 bits", lambda: expose(ambient, with_speckle(light, parts.speckle, rng), parts.chip, rng)
+    )
     stripe = watch.run("stripe extraction", lambda: find_stripe(image))
     belief = station.belief
     profile = watch.run("triangulation", lambda: triangulate(stripe, belief.camera, belief.plane))

@@ -121,3 +121,39 @@ def arc(
     points_laser = np.column_stack([x + across, np.zeros(count), z + depth])
     centre_laser = np.array([x, -side * height_m, z])
     return plane.T_camera_laser.apply(points_laser), plane.T_camera_laser.apply(centre_laser)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardSights:
+    """A fixed board seen from a camera on the flange."""
+
+    T_base_flange: RigidTransform
+    T_camera_board: RigidTransform
+    T_flange_camera: RigidTransform
+    T_base_board: RigidTransform
+
+
+def board_sights(
+    rng: np.random.Generator,
+    count: int = 12,
+    *,
+    tilt_deg: float = 30.0,
+    turn_sigma_rad: float = 0.0,
+    shift_sigma_m: float = 0.0,
+    T_flange_camera: RigidTransform | None = None,
+) -> BoardSights:
+    """A board 0.3 m before the camera, which looks down on it from leaning poses; noise on the boards' poses."""
+    T_flange_camera = camera_on_flange() if T_flange_camera is None else T_flange_camera
+    T_base_board = rigid_from(Rotation.from_rotvec([0.1, 0.2, 0.3]), np.array([0.9, 0.0, 0.4]))
+    tilts = Rotation.from_rotvec(rng.uniform(-1, 1, (count, 3)) * np.deg2rad(tilt_deg))
+    R_base_camera = tilts * Rotation.from_euler("x", 180, degrees=True)
+    seen_camera = np.array([0.0, 0.0, 0.3]) + rng.uniform(-0.03, 0.03, (count, 3))
+    T_base_camera = rigid_from(R_base_camera, T_base_board.translation - R_base_camera.apply(seen_camera))
+    exact = T_base_camera.inv() * T_base_board
+    turned = Rotation.from_rotvec(rng.normal(0, turn_sigma_rad, (count, 3))) * exact.rotation
+    return BoardSights(
+        T_base_flange=T_base_camera * T_flange_camera.inv(),
+        T_camera_board=rigid_from(turned, exact.translation + rng.normal(0, shift_sigma_m, (count, 3))),
+        T_flange_camera=T_flange_camera,
+        T_base_board=T_base_board,
+    )

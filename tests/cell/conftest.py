@@ -6,6 +6,7 @@ import pytest
 from weldcell.cell.configuration import CellConfig
 from weldcell.cell.world.robot_error import BUDGETS, draw_error
 from weldcell.cell.world.scene import build_cell, build_controller, build_parts
+from weldcell.models.sensor_head import HeadDesign
 
 
 @pytest.fixture(scope="session")
@@ -15,7 +16,7 @@ def parts():
 
 @pytest.fixture(scope="session")
 def known_cell(parts):
-    return build_cell(parts, None)
+    return build_cell(parts, HeadDesign(), None)
 
 
 @pytest.fixture(scope="session")
@@ -25,4 +26,4 @@ def controller(known_cell):
 
 @pytest.fixture(scope="session")
 def typical_cell(parts):
-    return build_cell(parts, draw_error(BUDGETS["typical"], np.random.default_rng(5)))
+    return build_cell(parts, HeadDesign(), draw_error(BUDGETS["typical"], np.random.default_rng(5)))

@@ -10,12 +10,13 @@ from weldcell.cell.errors import UnknownFrame
 from weldcell.cell.frames import difference, rigid_from, translation
 from weldcell.cell.world.robot_error import BUDGETS, draw_error, exact_robot
 from weldcell.cell.world.scene import HOME_RAD, build_cell
+from weldcell.models.sensor_head import HeadDesign
 
 SAME = 1e-12  # m or rad: rounding
 
 
 def test_without_errors_actual_and_nominal_are_the_same(parts, known_cell):
-    cell = build_cell(parts, draw_error(replace(BUDGETS["perfect"], mount_m=0.0, mount_rad=0.0), rng()))
+    cell = build_cell(parts, HeadDesign(), draw_error(replace(BUDGETS["perfect"], mount_m=0.0, mount_rad=0.0), rng()))
     for frame in ("flange", "camera", "torch"):
         cell.take(HOME_RAD, rng())
         known_cell.take(HOME_RAD)
@@ -24,7 +25,7 @@ def test_without_errors_actual_and_nominal_are_the_same(parts, known_cell):
 
 def test_a_joint_zero_acts_like_a_reading(parts, known_cell):
     zero_rad = np.radians([0.1, -0.2, 0.3, 0.1, 0.2, -0.1])
-    cell = build_cell(parts, replace(exact_robot(), zero_rad=zero_rad))
+    cell = build_cell(parts, HeadDesign(), replace(exact_robot(), zero_rad=zero_rad))
     cell.take(HOME_RAD)
     known_cell.take(HOME_RAD + zero_rad)
     assert np.abs(cell.T_base("flange").as_matrix() - known_cell.T_base("flange").as_matrix()).max() < SAME
@@ -33,7 +34,7 @@ def test_a_joint_zero_acts_like_a_reading(parts, known_cell):
 def test_a_link_error_on_axis_one_moves_the_whole_arm(parts, known_cell):
     link_m = np.zeros((6, 3))
     link_m[0] = [1e-3, 2e-3, 3e-3]
-    cell = build_cell(parts, replace(exact_robot(), link_m=link_m))
+    cell = build_cell(parts, HeadDesign(), replace(exact_robot(), link_m=link_m))
     for joints_rad in (HOME_RAD, HOME_RAD + 0.3):
         cell.take(joints_rad)
         known_cell.take(joints_rad)
@@ -46,8 +47,8 @@ def test_compliance_sags_by_torque_times_compliance(parts):
     stretched = np.zeros(6)
     compliance = np.zeros(6)
     compliance[1] = 1e-6
-    cell = build_cell(parts, replace(exact_robot(), compliance_rad_per_nm=compliance))
-    rigid_cell = build_cell(parts, exact_robot())
+    cell = build_cell(parts, HeadDesign(), replace(exact_robot(), compliance_rad_per_nm=compliance))
+    rigid_cell = build_cell(parts, HeadDesign(), exact_robot())
     cell.take(stretched)
     rigid_cell.take(stretched)
     torque_nm = hand_summed_torque(rigid_cell, "arm/link_2")
@@ -77,7 +78,7 @@ def is_descendant(model: mujoco.MjModel, body: int, root: int) -> bool:
 
 def test_repeatability_has_the_size_that_iso_9283_gives_it(parts):
     error = draw_error(BUDGETS["typical"], rng())
-    cell = build_cell(parts, error)
+    cell = build_cell(parts, HeadDesign(), error)
     draws = rng()
     places = []
     for _ in range(2000):
@@ -91,7 +92,7 @@ def test_repeatability_has_the_size_that_iso_9283_gives_it(parts):
 
 def test_tip_and_mount_are_where_the_errors_put_them(parts, known_cell):
     error = draw_error(BUDGETS["paper"], rng())
-    cell = build_cell(parts, error)
+    cell = build_cell(parts, HeadDesign(), error)
     assert np.allclose(cell.tip_flange - known_cell.tip_flange, error.tip_flange_m, atol=SAME)
     assert np.linalg.norm(error.tip_flange_m) == pytest.approx(BUDGETS["paper"].tip_m)
     mount = known_cell.T_flange_camera.inv() * cell.T_flange_camera

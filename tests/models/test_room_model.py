@@ -9,7 +9,7 @@ from weldcell.cell.frames import rigid_from, translation
 from weldcell.models.arm import build_arm
 from weldcell.models.boss import boss
 from weldcell.models.room import TABLE_TOP_M, build_room
-from weldcell.models.sensor_head import build_sensor_head
+from weldcell.models.sensor_head import HeadDesign, build_sensor_head
 from weldcell.models.sphere import sphere_stand
 from weldcell.models.torch import build_torch
 from weldcell.models.v_groove import v_groove_plate
@@ -23,7 +23,7 @@ def cell():
     spec = build_room()
     arm = build_arm()
     arm.attach(build_torch(), site="flange", prefix="torch/")
-    arm.attach(build_sensor_head(), site="flange", prefix="sensor/")
+    arm.attach(build_sensor_head(HeadDesign()), site="flange", prefix="sensor/")
     spec.attach(arm, frame=spec.worldbody.add_frame(), prefix="arm/")
     mount = spec.worldbody.add_body(name="sphere_mount", mocap=True, pos=[0.93, 0, 0.43])
     spec.attach(sphere_stand(0.02), frame=mount.add_frame(), prefix="sphere/")

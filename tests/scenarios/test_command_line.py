@@ -160,8 +160,9 @@ def test_help_shows_every_option_with_its_unit_and_default(capsys):
     text = " ".join(capsys.readouterr().out.split())
     for field in fields():
         assert f"{option_name(field.path)} " in text
-    assert "--sensor.focal-mm MM Focal length of the lens (default: 12 mm)" in text
+    assert "--sensor.pixel-um UM Pixel pitch (default: 3.45 um)" in text
     assert "--no-sensor.noise is false" in text
+    assert "--disturbances [KIND[:START-END[:STRENGTH]]" in text
 
 
 def test_listing_needs_no_simulator():

@@ -15,8 +15,9 @@ CONTRACT = {
     "hand_eye_rotation_error_deg",
     "hand_eye_translation_error_mm",
     "sphere_centre_spread_mm",
-    *(f"point_{k}_error_{when}_mm" for k in (1, 2, 3) for when in ("before", "after")),
+    *(f"point_{k}_error_{when}_mm" for k in (1, 2, 3) for when in ("before", "p2", "after")),
     "far_error_before_mm",
+    "far_error_p2_mm",
     "far_error_after_mm",
     "frames_count",
     "frames_valid_count",
@@ -39,16 +40,20 @@ def test_it_passes_and_leaves_everything_that_the_contract_names(finished):
     assert set(content["metrics"]) == CONTRACT
     assert (folder / "recording.rrd").stat().st_size > 1e5
     assert {path.name for path in (folder / "calibration").iterdir()} == {
+        "arm.yaml",
         "hand_eye.yaml",
         "hand_eye_before.yaml",
+        "hand_eye_p2.yaml",
         "tcp.yaml",
+        "tcp_p2.yaml",
     }
 
 
 def test_compensation_helps_and_the_seam_is_found(finished):
     metrics = finished[2]["metrics"]
     for k in (1, 2, 3):
-        assert metrics[f"point_{k}_error_after_mm"] < metrics[f"point_{k}_error_before_mm"] / 2
+        assert metrics[f"point_{k}_error_p2_mm"] < metrics[f"point_{k}_error_before_mm"] / 2
+    assert metrics["far_error_after_mm"] < metrics["far_error_p2_mm"]
     assert metrics["frames_valid_count"] == metrics["frames_count"] == 24
     # mm: a few times what 300 frames reach; a wrong side, frame or sign costs millimetres
     assert max(metrics[f"seam_{name}_max_error_mm"] for name in ("left", "root", "right")) < 0.5
@@ -68,5 +73,5 @@ def test_the_written_configuration_repeats_the_run_to_the_byte(finished, tmp_pat
     again = tmp_path / "again"
     assert main(["run", "commission", "--config", str(folder / "config.yaml"), "--out", str(again)]) == 0
     assert json.loads((again / "metrics.json").read_text()) == content
-    for name in ("hand_eye.yaml", "tcp.yaml"):
+    for name in ("hand_eye.yaml", "tcp.yaml", "arm.yaml"):
         assert (again / "calibration" / name).read_bytes() == (folder / "calibration" / name).read_bytes()

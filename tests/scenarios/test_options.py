@@ -2,6 +2,7 @@
 
 import pytest
 
+from weldcell.cell.configuration import Disturbance
 from weldcell.cell.errors import BadInput
 from weldcell.scenarios.options import Parser, add_field_options, given_fields, normalised
 from weldcell.scenarios.settings import fields, option_name, resolve
@@ -60,6 +61,19 @@ def test_points_are_given_one_after_the_other():
     assert resolve("boss", options=options).config.calibration.near_points_mm == ((1, 2, 3), (4, 5, 6))
 
 
+def test_disturbances_are_kinds_with_times_and_strength_if_wanted():
+    options = given("v-seam", "--disturbances", "arc:2-8.5:0.5", "fume:1-3", "stripe-lost")
+    assert resolve("v-seam", options=options).config.disturbances == (
+        Disturbance(kind="arc", start_s=2.0, end_s=8.5, strength=0.5),
+        Disturbance(kind="fume", start_s=1.0, end_s=3.0),
+        Disturbance(kind="stripe-lost"),
+    )
+
+
+def test_a_choice_among_numbers_is_a_number():
+    assert resolve("v-seam", options=given("v-seam", "--sensor.bits", "12")).config.sensor.bits == 12
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -68,6 +82,10 @@ def test_points_are_given_one_after_the_other():
         (["--sensor.noise=maybe"], "--sensor.noise: found 'maybe', expected true or false"),
         (["--seam.frames", "8.5"], "--seam.frames: found 8.5, expected a whole number"),
         (["--calibration.near-points-mm", "1", "2", "3", "4"], "--calibration.near-points-mm: found [[1, 2, 3], [4]]"),
+        (["--sensor.bits", "10"], "--sensor.bits: found '10', expected one of 8, 12"),
+        (["--disturbances", "arc:5"], "--disturbances: found 'arc:5', expected KIND[:START-END[:STRENGTH]], e.g."),
+        (["--disturbances", "arc:5-3"], "--disturbances[0]: found arc from 5 to 3 s, expected the smaller one first"),
+        (["--disturbances", "arc", "ark:1-2"], "--disturbances[1].kind: found 'ark', expected one of arc"),
         (["--robot", "good"], "--robot: found 'good', expected one of perfect"),
     ],
 )

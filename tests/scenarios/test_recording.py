@@ -16,6 +16,7 @@ from weldcell.cell.profile import JointFeatures, Profile, Shot, Stripe
 from weldcell.scenarios.recording import Recording, check_recording
 from weldcell.scenarios.recording.meshes import carriers, drawn_geoms
 
+SOURCE_CAMERA = np.array([0, -0.1375, 0.1375])  # of a plane at 45 deg, level with the camera
 FLOAT32_M = 1e-6  # positions are stored as float32: 6e-8 of a metre or so
 
 CELL = """
@@ -80,7 +81,7 @@ def record(path: Path, model: mujoco.MjModel, camera: CameraModel, plane: LaserP
     rng, data = np.random.default_rng(7), mujoco.MjData(model)
     with Recording(path, RecordingConfig(), title="a small run") as recording:
         recording.log_cell(model)
-        recording.log_sensor(camera=camera, plane=plane, fan_rad=0.7)
+        recording.log_sensor(camera=camera, plane=plane, source_camera=SOURCE_CAMERA, fan_rad=0.7)
         recording.begin_stage("seam", "V-groove seam", frame=0, time_s=0.0)
         for frame in range(count):
             data.qpos[:] = 0.1 * frame
@@ -209,6 +210,14 @@ def test_profiles_are_drawn_with_the_depth_downwards(small_run: Path) -> None:
     assert abs(np.argmax(points_mm[:, 1]) - deepest) < 20  # columns: noise decides between neighbours
 
 
+def test_the_light_sheet_starts_at_the_laser_and_opens_as_wide_as_its_fan(small_run: Path) -> None:
+    apex, left, right = np.array(component(small_run, "/cell/sensor/light", "vertex_positions")[0], float)
+    assert np.allclose(apex, SOURCE_CAMERA, atol=FLOAT32_M)
+    opening = (left - apex) @ (right - apex) / np.linalg.norm(left - apex) / np.linalg.norm(right - apex)
+    assert np.arccos(opening) == pytest.approx(0.7, abs=1e-5)
+    assert (left + right)[2] / 2 > 0.275  # m: past the crossing
+
+
 def test_standing_geoms_are_drawn_where_the_model_has_them(model: mujoco.MjModel) -> None:
     geoms = {geom.name: geom for geom in drawn_geoms(model)}
     top = geoms["top"]
@@ -302,7 +311,7 @@ def test_what_comes_too_early_is_refused(
             recording.log_shot(0, T_base_camera=RigidTransform.identity(), **shot)
         recording.log_cell(model)
         with pytest.raises(UnknownFrame, match="sensor/camera"):
-            recording.log_sensor(camera=camera, plane=plane, fan_rad=0.7, site="nowhere")
+            recording.log_sensor(camera=camera, plane=plane, source_camera=SOURCE_CAMERA, fan_rad=0.7, site="nowhere")
 
 
 def test_pictures_without_findings_wipe_out_the_former_ones(
@@ -314,7 +323,7 @@ def test_pictures_without_findings_wipe_out_the_former_ones(
     )
     with Recording(tmp_path / "a.rrd", RecordingConfig(picture_every=1), title="lost") as recording:
         recording.log_cell(model)
-        recording.log_sensor(camera=camera, plane=plane, fan_rad=0.7)
+        recording.log_sensor(camera=camera, plane=plane, source_camera=SOURCE_CAMERA, fan_rad=0.7)
         T_base_camera = rigid_from(Rotation.identity(), np.zeros(3))
         recording.log_shot(0, T_base_camera=T_base_camera, **found)
         recording.log_shot(1, found["shot"], T_base_camera=T_base_camera, joint=nothing)

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from weldcell.cell.configuration import CellConfig
+from weldcell.cell.configuration import SENSOR_PRESETS, CellConfig, Disturbance
 from weldcell.cell.errors import BadInput
 from weldcell.scenarios.settings import fields, resolve
 from weldcell.scenarios.yaml_file import write_yaml
@@ -45,6 +45,43 @@ def test_the_written_configuration_repeats_the_run(tmp_path):
     settings = resolve("boss", seed=12, options={"robot": "paper", "boss.position_mm": [1, 2.5, -1e-7]})
     write_yaml(tmp_path / "config.yaml", settings.as_mapping())
     assert resolve("boss", file=tmp_path / "config.yaml") == settings
+
+
+@pytest.mark.parametrize("preset", SENSOR_PRESETS)
+def test_a_preset_sets_the_whole_sensor(preset):
+    assert resolve("v-seam", options={"sensor.preset": preset}).config.sensor == SENSOR_PRESETS[preset]
+    assert SENSOR_PRESETS[preset].preset == preset
+
+
+def test_single_fields_beat_the_preset_whichever_comes_first(tmp_path):
+    expected = dataclasses.replace(SENSOR_PRESETS["p1"], width_px=1000)
+    for options in (
+        {"sensor.width_px": 1000, "sensor.preset": "p1"},
+        {"sensor.preset": "p1", "sensor.width_px": 1000},
+    ):
+        assert resolve("v-seam", options=options).config.sensor == expected
+    file = settings_file(tmp_path, "sensor:\n  width_px: 1000\n  preset: p1\n")
+    assert resolve("v-seam", file=file).config.sensor == expected
+    file = settings_file(tmp_path, "sensor:\n  width_px: 1000\n")
+    assert resolve("v-seam", file=file, options={"sensor.preset": "p1"}).config.sensor == expected
+
+
+def test_another_preset_keeps_only_what_a_written_configuration_changed_of_its_own(tmp_path):
+    """The file holds all fields; those that are its preset's own must not survive a change of the preset."""
+    written = resolve("v-seam", options={"sensor.preset": "p1", "sensor.peak_grey": 150, "robot": "bad"})
+    write_yaml(tmp_path / "config.yaml", written.as_mapping())
+    changed = resolve("v-seam", file=tmp_path / "config.yaml", options={"sensor.preset": "profiler"}).config
+    assert changed.sensor == dataclasses.replace(SENSOR_PRESETS["profiler"], peak_grey=150.0)
+    assert changed.robot == "bad"
+    assert resolve("v-seam", file=tmp_path / "config.yaml") == written
+
+
+def test_disturbances_are_read_from_a_file_and_written_back(tmp_path):
+    text = "disturbances:\n- {kind: arc, start_s: 2, end_s: 8.5}\n- {kind: fume}\n"
+    settings = resolve("v-seam", file=settings_file(tmp_path, text))
+    assert settings.config.disturbances == (Disturbance(kind="arc", start_s=2, end_s=8.5), Disturbance(kind="fume"))
+    write_yaml(tmp_path / "config.yaml", settings.as_mapping())
+    assert resolve("v-seam", file=tmp_path / "config.yaml") == settings
 
 
 def test_values_come_in_their_own_types(tmp_path):
@@ -89,6 +126,25 @@ def test_values_come_in_their_own_types(tmp_path):
         ),
         ("seam:\n  position_mm: 1", "seam.position_mm: found 1, expected 3 times"),
         ("calibration:\n  near_points_mm: [1, 2, 3]", "calibration.near_points_mm: found [1, 2, 3], expected a list"),
+        ("sensor:\n  preset: p3", "sensor.preset: found 'p3', expected one of p2, p1, profiler"),
+        ("sensor:\n  bits: 10", "sensor.bits: found 10, expected one of 8, 12"),
+        ("sensor:\n  exposure_ms: -1", "sensor.exposure_ms: found -1, expected a number above 0, up to 1000000 (ms)"),
+        ("disturbances: arc", "disturbances: found 'arc', expected a list, each entry a mapping of kind, start_s"),
+        ("disturbances: [arc]", "disturbances[0]: found 'arc', expected a mapping of kind, start_s, end_s, strength"),
+        ("disturbances: [{kind: ark}]", "disturbances[0].kind: found 'ark', expected one of arc, spatter, fume"),
+        ("disturbances: [{start_s: 1}]", "disturbances[0].kind: found nothing, expected one of arc, spatter, fume"),
+        (
+            "disturbances: [{kind: arc}, {kind: fume, strat_s: 1}]",
+            "disturbances[1].strat_s: no such field (did you mean start_s?)",
+        ),
+        (
+            "disturbances: [{kind: arc, start_s: -5}]",
+            "disturbances[0].start_s: found -5, expected a number from 0 to 1000000 (s)",
+        ),
+        (
+            "disturbances: [{kind: arc, start_s: 5, end_s: 3}]",
+            "disturbances[0]: found arc from 5 to 3 s, expected the smaller one first",
+        ),
         ("scenario: boss", "scenario: found 'boss', expected v-seam"),
         ("seed: -1", "seed: found -1, expected a whole number from 0 to 4294967295"),
         ("seed: many", "seed: found 'many', expected a whole number"),

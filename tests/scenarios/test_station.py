@@ -55,7 +55,7 @@ def test_another_station_of_the_same_seed_gives_the_same_picture(perfect):
 
 def test_the_torch_of_a_perfect_robot_hits_the_point_it_is_sent_to(perfect):
     point_base = perfect.sphere_known_base + [0.02, 0.03, 0.04]
-    rotation = torch_rotation(perfect.heading_rad, 0.1, 0.3) * perfect.rotation_flange_torch.inv()
+    rotation = perfect.rotation_base_flange(perfect.heading_rad, 0.1, 0.3)
     tip_base = perfect.send_torch(point_base, rotation, perfect.cell.tip_flange, np.random.default_rng(0))
     assert np.linalg.norm(tip_base - point_base) < 1e-9  # m: inverse kinematics
 
@@ -63,7 +63,7 @@ def test_the_torch_of_a_perfect_robot_hits_the_point_it_is_sent_to(perfect):
 def test_a_wrong_tip_makes_the_torch_miss_by_as_much(perfect):
     off_flange = np.array([1e-3, -2e-3, 3e-3])
     point_base = perfect.sphere_known_base
-    rotation = torch_rotation(perfect.heading_rad) * perfect.rotation_flange_torch.inv()
+    rotation = perfect.rotation_base_flange(perfect.heading_rad)
     believed = perfect.cell.tip_flange + off_flange
     tip_base = perfect.send_torch(point_base, rotation, believed, np.random.default_rng(0))
     assert np.allclose(tip_base - point_base, -rotation.apply(off_flange), atol=1e-9)

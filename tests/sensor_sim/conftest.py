@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from weldcell.cell.configuration import SensorConfig
 from weldcell.cell.frames import rigid_from
 from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
-from weldcell.sensor_sim.light_section import LaserFan, laser_fan
+from weldcell.sensor_sim.laser import LaserFan, laser_fan
 
 Scene = tuple[mujoco.MjModel, mujoco.MjData]
 
@@ -23,9 +23,7 @@ def config() -> SensorConfig:
 @pytest.fixture(scope="session")
 def fan(config: SensorConfig) -> LaserFan:
     """The nominal fan, two rays for each column."""
-    return laser_fan(
-        nominal_plane(config), nominal_source_camera(config), np.deg2rad(config.laser_fan_deg), 2 * config.width_px
-    )
+    return laser_fan(config, nominal_plane(config), nominal_source_camera(config))
 
 
 @pytest.fixture(scope="session")

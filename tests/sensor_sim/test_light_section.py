@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from weldcell.cell.errors import BadGeometry
-from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
-from weldcell.sensor_sim.light_section import laser_fan, light_section
+from weldcell.sensor_sim.light_section import light_section
 from weldcell.sensor_sim.rays import RayCaster
 
 FLOOR = '<geom type="plane" size="0 0 1" pos="0 0 -.05"/>'
@@ -15,16 +13,6 @@ def section_of(scene_and_pose, camera, fan):
     (model, data), T_base_camera = scene_and_pose
     section = light_section(RayCaster(model), data, T_base_camera, camera, fan)
     return section, T_base_camera.apply(section.points_camera)
-
-
-def test_the_nominal_light_crosses_the_camera_axis_at_the_working_distance(config):
-    plane, source = nominal_plane(config), nominal_source_camera(config)
-    np.testing.assert_allclose(plane.normal_camera, [0, -np.sqrt(0.5), np.sqrt(0.5)])
-    np.testing.assert_allclose(plane.intersect(np.array([0, 0, 1.0])), [0, 0, 0.275])
-    assert plane.distance_m(source) == pytest.approx(0, abs=1e-15)
-    # the laser is 0.275 cos(45 deg) above the crossing and the same beside the camera's centre
-    np.testing.assert_allclose(np.linalg.norm(source - [0, 0, 0.275]), 0.275 * np.sqrt(0.5))
-    assert nominal_camera(config).focal_px[0] == pytest.approx(12e-3 / 3.45e-6)
 
 
 def test_lit_points_lie_in_the_light_plane_and_on_the_surface(scene, overhead, camera, fan):
@@ -100,14 +88,12 @@ def test_a_camera_inside_metal_sees_nothing(scene, overhead, camera, fan):
     assert section.lit.any() and not section.seen.any()
 
 
-def test_a_laser_that_is_none_is_refused(config):
-    plane = nominal_plane(config)
-    for source, fan_rad, count in ((np.full(3, np.nan), 0.5, 10), (np.zeros(3), 0.0, 10), (np.zeros(3), 0.5, 1)):
-        with pytest.raises(BadGeometry, match="laser: expected"):
-            laser_fan(plane, source, fan_rad, count)
-
-
-def test_a_source_off_the_plane_is_moved_to_its_foot(config):
-    plane, source = nominal_plane(config), nominal_source_camera(config)
-    moved = laser_fan(plane, source + 0.001 * plane.normal_camera, 0.5, 10)
-    np.testing.assert_allclose(moved.source_camera, source, atol=1e-15)
+def test_the_light_at_each_point_is_that_of_the_fan(scene, overhead, camera, fan):
+    """Its direction, the plane's normal, and the sheet as thick as the way from the laser made it."""
+    section, _ = section_of((scene(FLOOR), overhead()), camera, fan)
+    lit = section.lit
+    np.testing.assert_array_equal(section.directions_camera, fan.directions_camera)
+    np.testing.assert_array_equal(section.sheet_normals_camera - fan.plane.normal_camera, 0)
+    way_m = np.linalg.norm(section.points_camera[lit] - fan.source_camera, axis=1)
+    half_width_m = 80e-6 * np.sqrt(1 + ((way_m - 0.275 * np.sqrt(0.5)) / 25.46377e-3) ** 2)  # P2's sheet, by hand
+    np.testing.assert_allclose(section.sheet_sigma_m[lit], half_width_m / 2, rtol=1e-6)

@@ -10,7 +10,8 @@ from weldcell.cell.errors import NotReady
 from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
 from weldcell.sensor_sim.line_sensor import LineSensor
 
-SCENE = '<geom type="plane" size="0 0 1" pos="0 0 -.04" rgba=".4 .4 .4 1"/><geom size=".02" pos=".006 .004 -.005"/>'
+WHITE = 'rgba="1 1 1 1"'
+SCENE = f'<geom type="plane" size="0 0 1" pos="0 0 -.04" {WHITE}/><geom size=".02" pos=".006 .004 -.005" {WHITE}/>'
 SMALL = SensorConfig(width_px=480, height_px=360, pixel_um=10.35)  # a third of the pixels, the same view
 
 

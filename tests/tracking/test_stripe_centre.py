@@ -98,12 +98,15 @@ def test_saturated_stripe_keeps_its_centre():
     assert np.sqrt(np.mean(error_px**2)) < 0.02  # px; clipping adds harmonics of the pixel grid
 
 
-def test_the_stripe_moves_with_the_picture():
+# Eight rows are whole cells of the search, seven are not: the background then comes from other rows, and its noise
+# moves the centre by less than its sigma of 0.013.
+@pytest.mark.parametrize(("rows", "tolerance_px"), [(8, 1e-3), (7, 0.013)])
+def test_the_stripe_moves_with_the_picture(rows, tolerance_px):
     rng = np.random.default_rng(2)
     picture = stripe_picture(100 + np.linspace(0, 20, 300), noise_grey=1, background=18, rng=rng)
-    moved = np.roll(picture, 7, axis=0)
+    moved = np.roll(picture, rows, axis=0)
     first, second = find_stripe(picture), find_stripe(moved)
-    assert np.abs(second.v_px - first.v_px - 7).max() < 1e-3  # px; float32 sums
+    assert np.abs(second.v_px - first.v_px - rows).max() < tolerance_px
 
 
 def test_a_mirrored_picture_gives_the_mirrored_stripe():
@@ -111,9 +114,8 @@ def test_a_mirrored_picture_gives_the_mirrored_stripe():
     picture = stripe_picture(100 + np.linspace(0, 20, 300), noise_grey=1, background=18, rng=rng)
     stripe, mirrored = find_stripe(picture), find_stripe(np.ascontiguousarray(picture[::-1, ::-1]))
     assert np.array_equal(299 - mirrored.u_px[::-1], stripe.u_px)
-    assert (
-        np.abs(399 - mirrored.v_px[::-1] - stripe.v_px).max() < 5e-3
-    )  # px; three Newton steps from another row, against a sigma of 0.02
+    # px; one sigma, for where the stripe lies between two cells of the search the background comes from other rows
+    assert np.abs(399 - mirrored.v_px[::-1] - stripe.v_px).max() < 0.013
 
 
 def test_the_strongest_of_two_stripes_is_kept():
@@ -165,7 +167,7 @@ def test_spatter_leaves_the_other_columns_alone():
     assert np.sqrt(np.mean(error_px[good] ** 2)) < 0.1  # px
 
 
-@pytest.mark.parametrize("picture", [np.zeros((10, 10), np.uint16), np.zeros((10, 10, 3), np.uint8)])
-def test_other_than_an_8_bit_grey_picture_is_refused(picture):
-    with pytest.raises(BadInput, match="8 bits"):
+@pytest.mark.parametrize("picture", [np.zeros((10, 10), np.float32), np.zeros((10, 10, 3), np.uint8)])
+def test_other_than_a_grey_picture_of_8_or_16_bits_is_refused(picture):
+    with pytest.raises(BadInput, match="8 or 16 bits"):
         find_stripe(picture)

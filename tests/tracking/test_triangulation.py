@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tracking.fabricated_profiles import p2_camera, p2_plane
+from weldcell.cell.optics import CameraModel, LaserPlane
 from weldcell.cell.profile import Stripe
 from weldcell.tracking.triangulation import noise_slopes, triangulate
 
@@ -44,6 +45,26 @@ def test_sigma_and_noise_direction_match_a_moved_stripe(distortion):
     step = after - before
     assert np.allclose(sigma_m, 0.25 * np.abs(step[:, 2]) / 0.01, rtol=0.01)  # 1 %: second order, and lens shear
     assert np.abs(step[:, 0] / step[:, 2] - noise_slopes(before, plane)).max() < 0.02  # rad; lens distortion
+
+
+def test_a_camera_rolled_by_a_quarter_turn_measures_the_same_profile():
+    """Rolled, its x is the other's y and its y the other's -x: the stripe runs along its columns."""
+    camera, plane, stripe = p2_camera(), p2_plane(), _stripe()
+    rolled_camera = CameraModel(
+        width_px=1080,
+        height_px=1440,
+        focal_px=camera.focal_px,
+        principal_px=np.array([533.8, 1439 - 724.3]),
+    )
+    x, y, z = plane.normal_camera
+    rolled_plane = LaserPlane(normal_camera=np.array([y, -x, z]), offset_m=plane.offset_m)
+    rolled_stripe = Stripe(u_px=stripe.v_px, v_px=1439 - stripe.u_px, sigma_px=stripe.sigma_px)
+    plain, rolled = triangulate(stripe, camera, plane), triangulate(rolled_stripe, rolled_camera, rolled_plane)
+    points_laser = plane.T_camera_laser.inv().apply(plain.points_camera)
+    rolled_laser = rolled_plane.T_camera_laser.inv().apply(rolled.points_camera)
+    assert np.allclose(rolled_laser, points_laser, atol=1e-12)  # m; rounding
+    assert np.allclose(rolled.sigma_m, plain.sigma_m, rtol=1e-5)  # central difference
+    assert np.allclose(noise_slopes(rolled_laser, rolled_plane), noise_slopes(points_laser, plane), atol=1e-12)
 
 
 def test_points_out_of_range_are_not_valid():

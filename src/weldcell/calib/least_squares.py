@@ -20,6 +20,7 @@ Model = Callable[[Float[np.ndarray, "p"]], tuple[Residuals, Jacobian]]
 
 _LOSS_SIGMAS = 3.0  # beyond this a residual pulls with constant force
 _TOLERANCE = 1e-15  # to solver precision
+_MOST_EVALUATIONS = 300  # an answer that the data hold takes some tens
 _SINGULAR = 1e-12  # relative singular value below which no covariance exists
 
 
@@ -91,7 +92,14 @@ def robust_spread(residuals: Residuals, unknowns: int = 0) -> float:
 def _minimise(model: Model, start: Float[np.ndarray, "p"], loss_sigmas: float) -> OptimizeResult:
     damped = _Damped(model, loss_sigmas)
     return least_squares(
-        damped.residuals, start, damped.jacobian, method="lm", ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE
+        damped.residuals,
+        start,
+        damped.jacobian,
+        method="lm",
+        ftol=_TOLERANCE,
+        xtol=_TOLERANCE,
+        gtol=_TOLERANCE,
+        max_nfev=_MOST_EVALUATIONS,
     )
 
 

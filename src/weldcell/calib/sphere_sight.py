@@ -79,6 +79,10 @@ class SphereSightResult:
     """Metres; NaN if not valid."""
     covariance_camera: Float[np.ndarray, "3 3"]
     """Of the centre (m^2): points' noise alone, with its correlation between neighbours; NaN if not valid."""
+    circle_laser: Float[np.ndarray, "3"]
+    """The section in the laser frame: x and z of its centre, and its radius (m); NaN if not valid."""
+    circle_covariance_laser: Float[np.ndarray, "3 3"]
+    """Of the section (m^2): points' noise alone, with its correlation between neighbours; NaN if not valid."""
     circle_radius_m: float
     """Radius of the section."""
     circle_radius_sigma_m: float
@@ -204,6 +208,8 @@ def _raise_centre(
     return SphereSightResult(
         centre_camera=centre_camera,
         covariance_camera=spread @ covariance @ spread.T,
+        circle_laser=circle.parameters,
+        circle_covariance_laser=covariance,
         circle_radius_m=radius_m,
         circle_radius_sigma_m=sigma_radius_m,
         arc_rad=arc_rad,
@@ -230,6 +236,8 @@ def _invalid(problem: SphereSightProblem, reason: str) -> SphereSightResult:
     return SphereSightResult(
         centre_camera=np.full(3, np.nan),
         covariance_camera=np.full((3, 3), np.nan),
+        circle_laser=np.full(3, np.nan),
+        circle_covariance_laser=np.full((3, 3), np.nan),
         circle_radius_m=np.nan,
         circle_radius_sigma_m=np.nan,
         arc_rad=0.0,

@@ -11,8 +11,8 @@ from weldcell.cell.errors import BadGeometry
 from weldcell.cell.frames import axes_rotation, rigid_from
 
 _NEWTON_STEPS = 20
-_NEWTON_TOLERANCE = 1e-14  # normalised image units; 1e-10 px at this focal length
-_DIFFERENCE_STEP = 1e-6  # central difference for the distortion's Jacobian
+_NEWTON_TOLERANCE = 1e-14  # normalised image units: 1e-10 px at a focal length of 1e4 px
+_CONVERGED = 1e-13  # 1e-9 px: where rounding stops Newton's method short of its tolerance
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,19 +89,58 @@ class CameraModel:
         for _ in range(_NEWTON_STEPS):
             if not np.any(np.abs(error) > _NEWTON_TOLERANCE):
                 break
-            guess = guess - _solve_2x2(self._distortion_jacobian(guess), error)
+            guess = guess - _solve_2x2(self.distortion_jacobian(guess), error)
             error = self.distort(guess) - target
-        converged = np.all(np.abs(error) < 1e-10, axis=-1) & self._unfolded(guess)
+        converged = np.all(np.abs(error) < _CONVERGED, axis=-1) & self._unfolded(guess)
         return np.where(converged[..., None], guess, np.nan)
 
+    def distortion_jacobian(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2 2"]:
+        """Derivatives of `distort`: rows are the distorted x and y, columns the undistorted ones."""
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion
+        x, y = normalised[..., 0], normalised[..., 1]
+        r2 = x * x + y * y
+        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / below
+        by_r2 = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+        prism_x, prism_y = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
+        mixed = 2 * (x * y * by_r2 + p1 * x + p2 * y)
+        bent = np.empty((*r2.shape, 2, 2))
+        bent[..., 0, 0] = radial + 2 * x * x * by_r2 + 2 * p1 * y + 6 * p2 * x + prism_x * x
+        bent[..., 0, 1] = mixed + prism_x * y
+        bent[..., 1, 0] = mixed + prism_y * x
+        bent[..., 1, 1] = radial + 2 * y * y * by_r2 + 6 * p1 * y + 2 * p2 * x + prism_y * y
+        if not self.distortion[12:].any():
+            return bent
+        tilted = self.distort(normalised)
+        flat = np.linalg.inv(self._tilt)  # 1 / the tilt's divisor is linear in the tilted coordinates
+        nearness = tilted @ flat[2, :2] + flat[2, 2]
+        return (self._tilt[:2, :2] - tilted[..., None] * self._tilt[2, :2]) * nearness[..., None, None] @ bent
+
+    def picture_depth(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+        """Distance along the camera's axis from the lens to a pixel, in principal distances: 1 without tilt.
+
+        OpenCV's tilt stands for a picture plane through (0, 0, 1) whose axes are the first two rows of the rotation
+        R = R_y(tau_y) R_x(tau_x) (see `_tilt`): a ray d meets it at d R_33 / (R d)_3, and (R d R_33 / (R d)_3 -
+        R e_z)_xy are OpenCV's tilted coordinates x, y. So a pixel lies at x R_1 + y R_2 + e_z, at the depth
+        1 + x R_13 + y R_23. (The picture is turned to the front of the lens, as usual.)
+        """
+        right, down = self._tilt_rotation[:2, 2] / self.focal_px
+        offset = np.asarray(pixels, dtype=float) - self.principal_px
+        return np.asarray(1 + offset[..., 0] * right + offset[..., 1] * down)
+
     @cached_property
-    def _tilt(self) -> Float[np.ndarray, "3 3"]:
-        """OpenCV's projective tilt matrix of (tau_x, tau_y)."""
+    def _tilt_rotation(self) -> Float[np.ndarray, "3 3"]:
+        """Rows are the axes of the tilted picture plane in the camera frame."""
         tau_x, tau_y = self.distortion[12:]
         cos_x, sin_x, cos_y, sin_y = np.cos(tau_x), np.sin(tau_x), np.cos(tau_y), np.sin(tau_y)
         about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
         about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
-        rotation = about_y @ about_x
+        return np.asarray(about_y @ about_x)
+
+    @cached_property
+    def _tilt(self) -> Float[np.ndarray, "3 3"]:
+        """OpenCV's projective tilt matrix of (tau_x, tau_y)."""
+        rotation = self._tilt_rotation
         onto_sensor = np.array([[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]])
         return onto_sensor @ rotation
 
@@ -109,15 +148,9 @@ class CameraModel:
         flat = np.concatenate([target, np.ones_like(target[..., :1])], axis=-1) @ np.linalg.inv(self._tilt).T
         return flat[..., :2] / flat[..., 2:]
 
-    def _distortion_jacobian(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2 2"]:
-        columns = []
-        for step in _DIFFERENCE_STEP * np.eye(2):
-            columns.append((self.distort(normalised + step) - self.distort(normalised - step)) / (2 * _DIFFERENCE_STEP))
-        return np.stack(columns, axis=-1)
-
     def _unfolded(self, normalised: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
         """Whether the distortion keeps its orientation there: beyond the fold a second ray hits the same pixel."""
-        jacobian = self._distortion_jacobian(normalised)
+        jacobian = self.distortion_jacobian(normalised)
         with np.errstate(invalid="ignore"):
             return (jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]) > 0
 
@@ -143,11 +176,15 @@ class LaserPlane:
 
     @cached_property
     def T_camera_laser(self) -> RigidTransform:
-        """The light plane's own frame: x along the camera's x, y = -normal (to the camera), z along the light.
+        """The light plane's own frame: z along the light (deeper is larger), y = -normal (to the camera), x = y x z.
 
-        Its origin is the plane's nearest point to the camera's centre; points of the plane have y = 0.
+        z is the direction of the plane that goes most along the camera's axis. The origin is the plane's nearest point
+        to the camera's centre; points of the plane have y = 0. A plane across the axis has no such direction: refused.
         """
-        x = np.array([1.0, 0.0, 0.0])
+        axis = np.array([0.0, 0.0, 1.0])
+        if np.linalg.norm(np.cross(self.normal_camera, axis)) < 1e-9:
+            raise BadGeometry("laser plane: it lies across the camera's axis, where no depth can be seen")
+        x = np.cross(axis, self.normal_camera)
         z = np.cross(x, -self.normal_camera)
         return rigid_from(axes_rotation(x, z), self.offset_m * self.normal_camera)
 

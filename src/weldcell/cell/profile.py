@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, UInt8, UInt16
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import BadGeometry
@@ -13,8 +13,8 @@ from weldcell.cell.errors import BadGeometry
 class Shot:
     """One picture, with the pose that the robot's controller reported for it."""
 
-    image: UInt8[np.ndarray, "height width"]
-    """Grey levels."""
+    image: UInt8[np.ndarray, "height width"] | UInt16[np.ndarray, "height width"] | None
+    """Levels: 8 bits, or 12 bits as 16-bit numbers; None where a profile was measured without a picture."""
     T_base_flange: RigidTransform
     """Flange in the robot base, by the controller's nominal model."""
     time_s: float
@@ -23,14 +23,18 @@ class Shot:
 
 @dataclass(frozen=True, kw_only=True)
 class Stripe:
-    """Centre of the laser stripe, one row for each picture column where it was found."""
+    """Centre of the laser stripe: one entry for each picture column where it was found, or for each row.
+
+    A stripe along the picture's rows has whole `u_px` and sub-pixel `v_px`, one along its columns the reverse. Pixel
+    (0, 0) is the centre of the top-left pixel.
+    """
 
     u_px: Float[np.ndarray, "n"]
-    """Column."""
+    """Column of the stripe's centre."""
     v_px: Float[np.ndarray, "n"]
-    """Row of the stripe's centre, sub-pixel; pixel (0, 0) is the centre of the top-left pixel."""
+    """Row of the stripe's centre."""
     sigma_px: Float[np.ndarray, "n"]
-    """Predicted standard deviation of `v_px`."""
+    """Predicted standard deviation of the sub-pixel one of the two: across the rows or columns it runs along."""
 
     def __post_init__(self) -> None:
         if not self.u_px.shape == self.v_px.shape == self.sigma_px.shape:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from manifold3d import Manifold
 
 from weldcell.models.shapes import to_trimesh
+from weldcell.models.surface_texture import SurfaceTexture
 
 GROUP_PARTS, GROUP_ARM, GROUP_TORCH, GROUP_SENSOR = 0, 1, 2, 3
 """MuJoCo geom groups: parts and furniture are seen by the sensor; arm, torch and sensor head are not."""
@@ -77,8 +78,13 @@ def add_mesh_geom(
     group: int,
     mask: CollisionMask,
     flat: bool = False,
+    material: str | None = None,
+    texture: SurfaceTexture | None = None,
 ) -> mujoco.MjsGeom:
     """The geom of a mesh given in the body's frame (m); it carries no mass. `flat` shades each triangle by itself.
+
+    Its MuJoCo material is called `NAME/material` (by default `NAME_finish`). A texture, given in the body's frame,
+    needs flat triangles; `sensor_sim.texture` reads it back from the compiled model.
 
     MuJoCo moves each mesh to its own centre and principal axes; the compiled `geom_pos` and `geom_quat`
     bring `mesh_vert` back to the body's frame.
@@ -90,22 +96,43 @@ def add_mesh_geom(
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         vertices, faces = corners.reshape(-1, 3), np.arange(3 * len(faces))
         mesh.usernormal = np.repeat(normals, 3, axis=0).ravel().tolist()
+        if texture is not None:
+            places = texture.places_px(vertices, np.repeat(normals, 3, axis=0)) + 0.5
+            mesh.usertexcoord = (places / texture.grey.shape[::-1]).ravel().tolist()
+            mesh.userfacetexcoord = faces.tolist()
     mesh.uservert = np.asarray(vertices, float).ravel().tolist()
     mesh.userface = np.asarray(faces, int).ravel().tolist()
-    material = spec.add_material(
-        name=f"{name}_finish", rgba=finish.rgba, specular=finish.specular, shininess=finish.shininess
+    drawn = spec.add_material(
+        name=f"{name}/{material}" if material else f"{name}_finish",
+        rgba=finish.rgba,
+        specular=finish.specular,
+        shininess=finish.shininess,
     )
+    if texture is not None:
+        _add_texture(spec, drawn, texture)
     return body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=name,
-        material=material.name,
+        material=drawn.name,
         rgba=finish.rgba,
         group=group,
         contype=mask.contype,
         conaffinity=mask.conaffinity,
         mass=0,
     )
+
+
+def _add_texture(spec: mujoco.MjSpec, drawn: mujoco.MjsMaterial, texture: SurfaceTexture) -> None:
+    """The texture as MuJoCo's, and where it lies on the part as a custom number: both named after the material."""
+    rows, columns = texture.grey.shape
+    picture = spec.add_texture(
+        name=drawn.name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=columns, height=rows, nchannel=3
+    )
+    picture.data = np.repeat(texture.grey[..., None], 3, axis=2).tobytes()
+    drawn.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = drawn.name
+    box = [*texture.low_part, *texture.high_part, texture.texel_m]
+    spec.add_numeric(name=drawn.name, data=box, size=len(box))
 
 
 def add_pieces(

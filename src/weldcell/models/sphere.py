@@ -5,10 +5,9 @@ import math
 import mujoco
 
 from weldcell.cell.errors import BadGeometry
-from weldcell.models.mesh_body import BLACK, DARK_GREY, GROUP_PARTS, PART_MASK, Finish, Piece, add_pieces
+from weldcell.models.finishes import FINISHES
+from weldcell.models.mesh_body import BLACK, DARK_GREY, GROUP_PARTS, PART_MASK, Piece, add_pieces
 from weldcell.models.shapes import join, rod
-
-MATT_STEEL = Finish(rgba=(0.70, 0.70, 0.69, 1.0), specular=0.12, shininess=0.15)
 
 
 def sphere_stand(
@@ -33,8 +32,8 @@ def sphere_stand(
         name="standard_sphere",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         size=[radius_m, 0, 0],
-        material=_material(spec, MATT_STEEL),
-        rgba=MATT_STEEL.rgba,
+        material=_material(spec),
+        rgba=FINISHES["matt-white"].rgba,
         group=GROUP_PARTS,
         contype=PART_MASK.contype,
         conaffinity=PART_MASK.conaffinity,
@@ -76,8 +75,10 @@ def _stand_pieces(radius_m: float, height_m: float, crank_m: float, post_m: floa
     return pieces
 
 
-def _material(spec: mujoco.MjSpec, finish: Finish) -> str:
+def _material(spec: mujoco.MjSpec) -> str:
+    """Matt ceramic, as spheres for optical sensors are."""
+    finish = FINISHES["matt-white"]
     material = spec.add_material(
-        name="sphere_finish", rgba=finish.rgba, specular=finish.specular, shininess=finish.shininess
+        name="standard_sphere/matt-white", rgba=finish.rgba, specular=finish.specular, shininess=finish.shininess
     )
     return str(material.name)

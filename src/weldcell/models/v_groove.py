@@ -128,7 +128,9 @@ def _cutter(
     x = np.linspace(-reach, reach, 2 * int(np.ceil(reach / spacing)) + 1)
     top_z = thickness_m + _CLEARANCE_M
     below = -_CLEARANCE_M
-    section = [(widest_m, top_z), (-widest_m, top_z)]  # (to the left, z), counter-clockwise seen against +x
+    edge_m = half_gap_m + (thickness_m - root_face_m) / (top_z - root_face_m) * (widest_m - half_gap_m)
+    # (to the left, z), counter-clockwise seen against +x; corners at the plate's top keep the cut free of slivers
+    section = [(edge_m, thickness_m), (widest_m, top_z), (-widest_m, top_z), (-edge_m, thickness_m)]
     if half_gap_m == 0:
         section += [(0.0, root_face_m)]
     else:

@@ -1,7 +1,7 @@
 """A workpiece: its mesh together with the exact features that the mesh was made from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -9,11 +9,13 @@ import trimesh
 from jaxtyping import Float, Int
 from scipy.spatial.transform import RigidTransform
 
+from weldcell.cell.configuration import MaterialName, TextureName
 from weldcell.cell.errors import BadGeometry
+from weldcell.cell.randomness import generator
 from weldcell.cell.seam import Seam
-from weldcell.models.mesh_body import GROUP_PARTS, PART_MASK, Finish, add_mesh_geom
-
-MACHINED_STEEL = Finish(rgba=(0.56, 0.57, 0.58, 1.0), specular=0.15, shininess=0.2)
+from weldcell.models.finishes import FINISHES
+from weldcell.models.mesh_body import GROUP_PARTS, PART_MASK, add_mesh_geom
+from weldcell.models.surface_texture import SurfaceTexture, even_spots, surface_texture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,6 +34,10 @@ class Workpiece:
     """Named exact corner points, m."""
     planes_part: Mapping[str, Float[np.ndarray, "4"]] = field(default_factory=dict)
     """Named exact faces as (nx, ny, nz, d): n.p = d (m) with n unit and outward."""
+    material: MaterialName = "matt-white"
+    """What the surface is."""
+    texture: SurfaceTexture | None = None
+    """Pattern of the surface's brightness, if it has one."""
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.vertices_part)):
@@ -48,9 +54,21 @@ class Workpiece:
         """The mesh for measuring and export."""
         return trimesh.Trimesh(self.vertices_part, self.faces, process=False)
 
-    def add_to(
-        self, spec: mujoco.MjSpec, T_base_part: RigidTransform, finish: Finish = MACHINED_STEEL
-    ) -> mujoco.MjsBody:
+    def with_surface(
+        self, material: MaterialName, texture: TextureName = "none", tack_spots: int = 0, seed: int = 0
+    ) -> "Workpiece":
+        """The same part of this material, with this pattern and with tack spots evenly along its seam's root."""
+        if tack_spots > 0 and (self.seam_part is None or "root" not in self.seam_part.points):
+            raise BadGeometry(f"workpiece {self.name}: tack spots need a seam with a root, found none")
+        if texture == "none" and tack_spots == 0:
+            return replace(self, material=material, texture=None)
+        root = self.seam_part.points["root"] if self.seam_part is not None and tack_spots > 0 else np.empty((0, 3))
+        low, high = self.vertices_part.min(axis=0), self.vertices_part.max(axis=0)
+        rng = generator(seed, f"texture of {self.name}")
+        pattern = surface_texture(low, high, texture, even_spots(root, tack_spots), rng)
+        return replace(self, material=material, texture=pattern)
+
+    def add_to(self, spec: mujoco.MjSpec, T_base_part: RigidTransform) -> mujoco.MjsBody:
         """The body that now stands at `T_base_part` in the spec's world, its geom in group 0."""
         quaternion = T_base_part.rotation.as_quat(scalar_first=True)
         body = spec.worldbody.add_body(name=self.name, pos=T_base_part.translation, quat=quaternion)
@@ -60,9 +78,11 @@ class Workpiece:
             self.name,
             self.vertices_part,
             self.faces,
-            finish,
+            FINISHES[self.material],
             group=GROUP_PARTS,
             mask=PART_MASK,
             flat=True,
+            material=self.material,
+            texture=self.texture,
         )
         return body

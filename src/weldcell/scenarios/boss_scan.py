@@ -2,17 +2,18 @@
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import JobFailed
+from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.scanning import ScanPath, scan
 from weldcell.scenarios.station import Sight, Station
-from weldcell.scenarios.verification import Alignment
 from weldcell.tracking.boss import BossMeasure, measure_boss
 from weldcell.tracking.planes import fit_planes
 
 _MARGIN_M = 0.012  # of the base slab that is scanned before and behind the slopes
 _LEAN_RAD = np.radians(25)  # camera 20 deg and light 25 deg off the vertical: neither passes under a slope of 53 deg
-_CROSSING_ABOVE_M = 0.016  # the leaning torch's tip is a little below the crossing
+_TIP_ABOVE_M = 0.013  # the boss: the leaning torch passes clear of it
 _CELL_M = 1e-3  # of the cloud's grid; never finer than the scan lines
 _COLUMN_STEP = 2  # every other column: neighbouring stripe centres share their blur, so little is lost
 
@@ -29,7 +30,7 @@ def scan_boss(station: Station, alignment: Alignment) -> BossMeasure:
     cloud = []
     for sight in scan(station, path, "boss"):
         station.log_sight(sight, alignment.T_flange_camera)
-        cloud.append(_points_base(sight, alignment))
+        cloud.append(_points_base(station, sight, alignment))
     spacing_m = float(np.linalg.norm(path.points_base[1] - path.points_base[0]))
     measure = measure_boss(fit_planes(np.concatenate(cloud), cell_m=max(_CELL_M, spacing_m)))
     if not measure.valid:
@@ -57,19 +58,23 @@ def _path(station: Station) -> ScanPath:
     config, corners = station.config.boss, station.parts.boss.corners_part
     half_m = float(np.abs(corners["foot"][:, :2]).max()) + _MARGIN_M
     top_m, foot_m = float(corners["top"][0, 2]), float(corners["foot"][0, 2])
-    ahead_m = (top_m + _CROSSING_ABOVE_M - foot_m) * np.tan(_LEAN_RAD)  # so far on the leaning light meets the base
+    head = station.head
+    tip_below_m = head.look_ahead_m * np.sin(_LEAN_RAD) - head.below_tip_m * np.cos(_LEAN_RAD)  # the crossing
+    crossing_m = top_m + _TIP_ABOVE_M + tip_below_m
+    ahead_m = (crossing_m - foot_m) * np.tan(_LEAN_RAD)  # so far on the leaning light meets the base
     centre_base = station.planner.known_cell.T_base_part("boss").translation
     forward = np.array([np.cos(station.heading_rad), np.sin(station.heading_rad), 0.0])
     along_m = np.linspace(-half_m, half_m, config.frames) - ahead_m
     return ScanPath(
-        points_base=centre_base + [0, 0, top_m + _CROSSING_ABOVE_M] + along_m[:, None] * forward,
+        points_base=centre_base + [0, 0, crossing_m] + along_m[:, None] * forward,
         headings_rad=np.full(config.frames, station.heading_rad),
         speed_m_s=1e-3 * config.speed_mm_s,
         lean_rad=_LEAN_RAD,
     )
 
 
-def _points_base(sight: Sight, alignment: Alignment) -> Float[np.ndarray, "n 3"]:
-    T_base_camera = sight.shot.T_base_flange * alignment.T_flange_camera
-    points_camera = sight.profile.points_camera[sight.profile.valid]
-    return T_base_camera.apply(points_camera[::_COLUMN_STEP])
+def _points_base(station: Station, sight: Sight, alignment: Alignment) -> Float[np.ndarray, "n 3"]:
+    reported = RigidTransform.concatenate([sight.shot.T_base_flange])
+    T_base_camera = alignment.flanges(sight.joints_rad[None], reported)[0] * alignment.T_flange_camera
+    points_camera = sight.profile.points_camera[sight.profile.valid][::_COLUMN_STEP]
+    return T_base_camera.apply(alignment.corrected(points_camera, station.belief))

@@ -32,8 +32,8 @@ def main(arguments: Sequence[str] | None = None, scenarios: Iterable[Scenario] =
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _explain(arguments, EXIT_BAD_INPUT, "error", f"{where}{error.strerror or error}")
-    except KeyboardInterrupt:
-        return _explain(arguments, EXIT_INTERRUPTED, "error", "interrupted; nothing was left behind")
+    except KeyboardInterrupt as interrupt:
+        return _explain(arguments, EXIT_INTERRUPTED, "error", str(interrupt) or "interrupted; nothing was left behind")
     except Exception as error:
         what = f"unexpected {type(error).__name__}: {error} (--debug shows where; please report it)"
         return _explain(arguments, EXIT_BAD_INPUT, "error", what)
@@ -42,11 +42,19 @@ def main(arguments: Sequence[str] | None = None, scenarios: Iterable[Scenario] =
 def _explain(arguments: Sequence[str], code: int, kind: str, message: str) -> int:
     if "--debug" in arguments:
         traceback.print_exc()
-    # One line whatever a file is called, and printable whatever the terminal's encoding.
+    print(f"weldcell: {kind}: {_one_line(message)}", file=sys.stderr)
+    return code
+
+
+def _say(message: str) -> None:
+    print(_one_line(message), flush=True)
+
+
+def _one_line(message: str) -> str:
+    """The message in one line whatever a file is called, and printable whatever the terminal's encoding."""
     line = " ".join(message.splitlines()) or "no reason given"
     encoding = sys.stderr.encoding or "utf-8"
-    print(f"weldcell: {kind}: {line}".encode(encoding, "backslashreplace").decode(encoding), file=sys.stderr)
-    return code
+    return line.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def _parse(arguments: Sequence[str], scenarios: Iterable[Scenario]) -> argparse.Namespace:
@@ -70,6 +78,10 @@ def _dispatch(parsed: argparse.Namespace, scenarios: tuple[Scenario, ...]) -> in
             return _run(parsed, find_scenario(parsed.scenario, scenarios))
         case "calibrate":
             return _calibrate(parsed)
+        case "dataset":
+            return _dataset(parsed)
+        case "detect":
+            return _detect(parsed)
         case "view":
             from weldcell.scenarios import recording  # rerun takes a second to import
 
@@ -125,6 +137,41 @@ def _calibrate(parsed: argparse.Namespace) -> int:
     return EXIT_FAILED if verdict == "refused" else EXIT_DONE
 
 
+def _dataset(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from weldcell.scenarios.dataset.job import DatasetRequest, make_dataset
+    from weldcell.scenarios.progress import progress_on
+    from weldcell.scenarios.settings import resolve
+
+    seed = None if parsed.seed is None else options.typed(int, parsed.seed)
+    settings = resolve("dataset", file=parsed.config, seed=seed, options=options.given_fields(parsed))
+    request = DatasetRequest(
+        settings=settings,
+        count=parsed.count,
+        place=parsed.out,
+        layout=parsed.format,
+        workers=len(os.sched_getaffinity(0)) if parsed.workers is None else parsed.workers,
+    )
+    with progress_on(Console(stderr=True)) as progress:
+        found = make_dataset(request, progress, overwrite=parsed.overwrite)
+    print(f"{parsed.count} frames {found.value}")
+    print(parsed.out)
+    return EXIT_DONE
+
+
+def _detect(parsed: argparse.Namespace) -> int:
+    from weldcell.scenarios.detect import DetectRequest, detect
+
+    request = DetectRequest(
+        images=tuple(parsed.images), joint=parsed.joint, laser_colour=parsed.laser_colour, along=parsed.along
+    )
+    reasons = detect(request, parsed.out, overwrite=parsed.overwrite, say=_say)
+    for reason in reasons:
+        print(f"weldcell: failed: {_one_line(reason)}", file=sys.stderr)
+    return EXIT_FAILED if reasons else EXIT_DONE
+
+
 def _picture(path: Path) -> Path:
     if path.suffix.lower() != ".png":
         raise BadInput(f"--out: found {str(path)!r}, expected a name that ends in .png")
@@ -156,6 +203,8 @@ def _parser(scenarios: Iterable[Scenario]) -> tuple[options.Parser, "argparse._S
     options.add_field_options(run)
 
     _add_calibrate(commands, everywhere)
+    _add_dataset(commands, everywhere)
+    _add_detect(commands, everywhere)
 
     view = commands.add_parser(
         "view", parents=[everywhere], help="open a recording in the rerun viewer", description="Opens a recording."
@@ -199,3 +248,51 @@ def _add_calibrate(commands: "argparse._SubParsersAction[options.Parser]", every
     add("--euler", metavar="SEQ", help="rotation of rx,ry,rz: XYZ about the moving axes, xyz about the fixed ones")
     add("--out", metavar="DIR", type=Path, required=True, help="where result.json goes")
     add("--overwrite", action="store_true", help="replace a result (default: refuse)")
+
+
+def _add_dataset(commands: "argparse._SubParsersAction[options.Parser]", everywhere: options.Parser) -> None:
+    dataset = commands.add_parser(
+        "dataset",
+        parents=[everywhere],
+        help="labelled pictures of random seams",
+        usage="weldcell dataset --count N --out DIR [--seed N] [--workers K] [--format coco|yolo] [any field]",
+        description="Makes labelled pictures of random seams, drawn from the ranges of the configuration's section "
+        "`dataset`. An interrupted set goes on with the same command.",
+    )
+    add = dataset.add_argument
+    add("--count", metavar="N", type=int, required=True, help="number of pictures")
+    add("--out", metavar="DIR", type=Path, required=True, help="the data set's folder")
+    add("--seed", metavar="N", help="where all randomness of the set comes from (default: 0)")
+    add("--workers", metavar="K", type=int, help="processes; the files don't depend on it (default: one a core)")
+    add("--format", choices=("coco", "yolo"), default="coco", help="form of the labels (default: coco)")
+    add("--config", metavar="FILE.yaml", type=Path, help="settings, e.g. the config.yaml of another set")
+    add("--overwrite", action="store_true", help="replace another data set (default: refuse)")
+    options.add_field_options(dataset)
+
+
+def _add_detect(commands: "argparse._SubParsersAction[options.Parser]", everywhere: options.Parser) -> None:
+    detect = commands.add_parser(
+        "detect",
+        parents=[everywhere],
+        help="stripe centre and seam features in your own pictures",
+        usage="weldcell detect IMAGE... --joint KIND --out DIR [--laser-colour COLOUR] [--along AXIS]",
+        description="Finds laser stripe and joint features in pictures (PNG, JPEG, TIFF, BMP; grey or colour, "
+        "8 or 16 bits), in pixels: (0, 0) is the centre of the top-left pixel. Left is left in the picture.",
+    )
+    add = detect.add_argument
+    add("images", metavar="IMAGE", nargs="+", type=Path, help="pictures (after -- if a name starts with a dash)")
+    add("--joint", metavar="KIND", required=True, help="kind of joint, e.g. v (a wrong one lists all)")
+    add(
+        "--laser-colour",
+        choices=("red", "green", "blue", "mono", "auto"),
+        default="auto",
+        help="colour of the laser, for colour pictures (default: auto, the one with the clearest stripe)",
+    )
+    add(
+        "--along",
+        choices=("rows", "columns", "auto"),
+        default="auto",
+        help="what the stripe runs along (default: auto, which follows diagonal ones as well)",
+    )
+    add("--out", metavar="DIR", type=Path, required=True, help="where stripe.csv, features.csv and overlays go")
+    add("--overwrite", action="store_true", help="replace files of an earlier detection (default: refuse)")

@@ -13,7 +13,7 @@ def run(job: Job) -> Outcome:
     with station_for(job) as station:
         setup = set_up_sensor(station)
         write_calibration(job, setup)
-        metrics = setup.metrics(station) | verify(station, setup.before, setup.after)
+        metrics = setup.metrics(station) | verify(station, setup.alignments)
         metrics |= seam_metrics(station, track_seam(station, setup.after), setup.after)
         metrics |= boss_metrics(station, scan_boss(station, setup.after))
         return conclude(station, "Commissioning", metrics)

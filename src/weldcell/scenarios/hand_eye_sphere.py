@@ -11,5 +11,5 @@ def run(job: Job) -> Outcome:
     with station_for(job) as station:
         setup = set_up_sensor(station)
         write_calibration(job, setup)
-        metrics = setup.metrics(station) | verify(station, setup.before, setup.after)
+        metrics = setup.metrics(station) | verify(station, setup.alignments)
         return conclude(station, "Hand-eye on the sphere", metrics)

@@ -11,7 +11,7 @@ from weldcell.scenarios.atomic_file import write_text
 from weldcell.scenarios.job import Outcome
 
 # What a run's numbers may depend on.
-_PACKAGES = ("weldcell", "mujoco", "numpy", "scipy", "opencv-python-headless", "rerun-sdk")
+_PACKAGES = ("weldcell", "mujoco", "numpy", "scipy", "opencv-python-headless", "pyarrow", "rerun-sdk")
 
 
 def write_metrics(path: Path, *, scenario: str, seed: int, outcome: Outcome) -> None:
@@ -20,7 +20,7 @@ def write_metrics(path: Path, *, scenario: str, seed: int, outcome: Outcome) -> 
         "scenario": scenario,
         "seed": seed,
         "passed": not outcome.reasons,
-        "versions": _versions(),
+        "versions": versions(),
         "metrics": {name: _number(value) for name, value in outcome.metrics.items()},
         "limits": {name: float(value) for name, value in outcome.limits.items()},
     }
@@ -34,11 +34,12 @@ def _number(value: Any) -> float | int | None:
     return int(value) if float(value).is_integer() and not isinstance(value, float) else float(value)
 
 
-def _versions() -> dict[str, str]:
-    versions = {"python": platform.python_version()}
+def versions() -> dict[str, str]:
+    """The versions that a run's numbers may depend on, by package."""
+    found = {"python": platform.python_version()}
     for package in _PACKAGES:
         try:
-            versions[package] = version(package)
+            found[package] = version(package)
         except PackageNotFoundError:  # run from a folder without an installation
             continue
-    return versions
+    return found

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin
 
+from weldcell.cell.configuration import Disturbance
 from weldcell.cell.errors import BadInput
 from weldcell.scenarios.settings import Field, fields, option_name, sections, shown_default
 
@@ -76,6 +77,10 @@ def option_strings(parser: argparse.ArgumentParser) -> Iterable[str]:
 def typed(hint: Any, word: str) -> Any:
     """The value that a word stands for in a field of this type; a word that stands for none comes back as it is."""
     kind = _kind(hint)
+    if kind is Literal:
+        return next((choice for choice in get_args(hint) if str(choice) == word), word)
+    if kind is Disturbance:
+        return _disturbance(word)
     if kind is bool:
         return {"true": True, "false": False}.get(word.lower(), word)
     if kind not in (int, float):
@@ -97,13 +102,14 @@ def _add_option(group: Any, field: Field) -> None:
         group.add_argument(name, nargs="?", const="true", metavar="true|false", **settings)
         group.add_argument(opposite, action="store_const", const="false", **settings | {"help": argparse.SUPPRESS})
     elif _kind(field.hint) is Literal:
-        group.add_argument(name, metavar="|".join(get_args(field.hint)), **settings)
+        group.add_argument(name, metavar="|".join(map(str, get_args(field.hint))), **settings)
     elif _kind(field.hint) is tuple:
         size = len(get_args(field.hint))
         many = get_args(field.hint)[1] is ...
+        each = _entry_shape(get_args(field.hint)[0])
         shape = ("X", "Y", "Z") if size == 3 else tuple(f"K{index + 1}" for index in range(size))
-        nargs = "+" if many else len(shape)
-        group.add_argument(name, nargs=nargs, metavar=("X Y Z", "X Y Z") if many else shape, **settings)
+        nargs = "*" if many and field.default == () else "+" if many else len(shape)
+        group.add_argument(name, nargs=nargs, metavar=(each, "...") if many else shape, **settings)
     else:
         group.add_argument(name, metavar="N" if " " in field.unit else field.unit.upper() or "N", **settings)
 
@@ -113,11 +119,28 @@ def _value(field: Field, text: str | list[str]) -> Any:
     if isinstance(text, str):
         return typed(field.hint, text)
     first, *rest = get_args(field.hint)
-    if rest != [...]:
+    if rest != [...] or get_origin(first) is not tuple:
         return [typed(first, word) for word in text]
     size = len(get_args(first))
     numbers = [typed(get_args(first)[0], word) for word in text]
     return [numbers[start : start + size] for start in range(0, len(numbers), size)]
+
+
+def _entry_shape(hint: Any) -> str:
+    """What one entry of a list looks like on the command line."""
+    if hint is Disturbance:
+        return "KIND[:START-END[:STRENGTH]]"
+    return "|".join(map(str, get_args(hint))) if get_origin(hint) is Literal else "X Y Z"
+
+
+def _disturbance(word: str) -> dict[str, Any]:
+    """KIND[:START-END[:STRENGTH]] as the fields of a disturbance, e.g. arc:2-8.5:0.5; refused if it is none."""
+    match = re.fullmatch(r"([a-z-]+)(?::([\d.]+)-([\d.]+)(?::([\d.]+))?)?", word)
+    if match is None:
+        shape = _entry_shape(Disturbance)
+        raise BadInput(f"--disturbances: found {word!r}, expected {shape}, e.g. arc:2-8.5:0.5 (seconds)")
+    values = zip(("start_s", "end_s", "strength"), match.groups()[1:], strict=True)
+    return {"kind": match[1]} | {name: typed(float, text) for name, text in values if text is not None}
 
 
 def _kind(hint: Any) -> Any:

@@ -29,9 +29,9 @@ _MOVING = ".moving"
 @contextmanager
 def run_folder(place: Path, *, overwrite: bool = False) -> Iterator[Path]:
     """A folder to write a run into; its files are found in `place` if the block ends well, and nowhere if not."""
-    made = _make_folders(place)
+    made = make_folders(place)
     try:
-        lock = _lock(place)
+        lock = lock_folder(place)
         try:
             unfinished = place / _UNFINISHED
             _move_up(place)
@@ -48,7 +48,7 @@ def run_folder(place: Path, *, overwrite: bool = False) -> Iterator[Path]:
         finally:
             os.close(lock)
     except BaseException:
-        _remove_empty(made)
+        remove_empty(made)
         raise
 
 
@@ -61,7 +61,7 @@ def recording_of(run: Path) -> Path:
     raise BadInput(f"{run}: found {found}, expected a run's folder or a .rrd file")
 
 
-def _make_folders(place: Path) -> list[Path]:
+def make_folders(place: Path) -> list[Path]:
     """The folders that had to be made for `place` to exist, innermost first."""
     missing = [folder for folder in (place, *place.parents) if not folder.exists()]
     try:
@@ -69,12 +69,12 @@ def _make_folders(place: Path) -> list[Path]:
     except FileExistsError:
         raise BadInput(f"{place}: found a file, expected a folder to write the run into") from None
     except OSError:
-        _remove_empty(missing)
+        remove_empty(missing)
         raise
     return missing
 
 
-def _remove_empty(folders: list[Path]) -> None:
+def remove_empty(folders: list[Path]) -> None:
     for folder in folders:
         try:
             folder.rmdir()
@@ -82,7 +82,7 @@ def _remove_empty(folders: list[Path]) -> None:
             continue
 
 
-def _lock(place: Path) -> int:
+def lock_folder(place: Path) -> int:
     """Locks the folder for this run; the system drops the lock with the process, however that ends."""
     while True:
         place.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.world.motion import Motion
 from weldcell.scenarios.station import Sight, Station
-from weldcell.scenarios.torch_poses import flange_at, torch_rotation
+from weldcell.scenarios.torch_poses import flange_at
 
 _LARGEST_STEP_RAD = 0.6  # between two pictures; more means that the arm changed its configuration
 
@@ -40,9 +40,10 @@ def scan(station: Station, path: ScanPath, stage: str) -> Iterator[Sight]:
     _require_speeds(station, motion)
     station.go(motion.joints_rad[0])
     start_s = station.time_s
+    rates_rad_s = np.gradient(motion.joints_rad, motion.times_s, axis=0)
     for index in station.progress.track(range(len(motion.times_s)), f"scan {stage}"):
         station.stand_at(motion.joints_rad[index], start_s + motion.times_s[index])
-        yield station.see(stage, index)
+        yield station.see(stage, index, rates_rad_s[index])
 
 
 def _motion(station: Station, path: ScanPath, stage: str) -> Motion:
@@ -68,8 +69,8 @@ def _require_speeds(station: Station, motion: Motion) -> None:
 def _flange(
     station: Station, point_base: Float[np.ndarray, "3"], heading_rad: float, lean_rad: float
 ) -> RigidTransform:
-    rotation = torch_rotation(heading_rad, lean_rad, heading_rad - np.pi / 2)
-    return flange_at(point_base, rotation * station.rotation_flange_torch.inv(), station.crossing_flange)
+    rotation = station.rotation_base_flange(heading_rad, lean_rad, heading_rad - np.pi / 2)
+    return flange_at(point_base, rotation, station.head.crossing_flange)
 
 
 def _followed(

@@ -10,15 +10,15 @@ from weldcell.cell.errors import JobFailed
 from weldcell.cell.profile import JointFeatures
 from weldcell.cell.randomness import generator
 from weldcell.cell.seam import Seam, distance_to_polyline
+from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.scanning import ScanPath, scan
 from weldcell.scenarios.station import Station
-from weldcell.scenarios.verification import Alignment
 from weldcell.tracking.joint import find_joint
 from weldcell.tracking.seam_fit import fit_seam
 
 FEATURES = ("left", "root", "right")
 
-_CROSSING_ABOVE_M = -0.005  # the range, 60 mm up and down, reaches the root; the torch's tip stays 20 mm above
+_TIP_ABOVE_M = 0.020  # the plate: clear of it, with its root within the range
 _END_MARGIN_M = 0.012  # at the ends the section, square to the slanting path, would miss the plate's corners
 
 
@@ -31,7 +31,7 @@ class TrackedSeam:
     times_s: Float[np.ndarray, "n"]
     """When they were taken."""
     T_base_flange: RigidTransform
-    """Stack of n reported flange poses, one a frame."""
+    """Stack of n flange poses, one a frame, as far as the arm is known."""
     points_base: dict[str, Float[np.ndarray, "n 3"]]
     """Features measured in each frame, NaN where not found."""
     valid: Bool[np.ndarray, "n"]
@@ -43,7 +43,7 @@ def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
     """Scans the plate and fits its seam; raises JobFailed if the seam was not found."""
     station.begin("seam", "V-groove seam")
     station.place_plate()
-    frames, times_s, T_base_flange, found = [], [], [], []
+    frames, times_s, joints_rad, T_base_flange, found = [], [], [], [], []
     previous: JointFeatures | None = None
     kind = "v-gap" if station.config.seam.root_gap_mm else "v"
     for sight in scan(station, taught_path(station), "seam"):
@@ -52,11 +52,12 @@ def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
         station.log_sight(sight, alignment.T_flange_camera, joint)
         frames.append(sight.frame)
         times_s.append(sight.shot.time_s)
+        joints_rad.append(sight.joints_rad)
         T_base_flange.append(sight.shot.T_base_flange)
         found.append(joint)
-    flanges = RigidTransform.concatenate(T_base_flange)
+    flanges = alignment.flanges(np.array(joints_rad), RigidTransform.concatenate(T_base_flange))
     T_base_camera = flanges * alignment.T_flange_camera
-    points = np.stack([joint.points_camera for joint in found], axis=1)
+    points = alignment.corrected(np.stack([joint.points_camera for joint in found], axis=1), station.belief)
     points_base = {name: T_base_camera.apply(points[k]) for k, name in enumerate(FEATURES)}
     sigma_m = {name: np.array([joint.sigma_m[k] for joint in found]) for k, name in enumerate(FEATURES)}
     valid = np.array([joint.valid for joint in found])
@@ -78,7 +79,7 @@ def taught_path(station: Station) -> ScanPath:
     assert drawn is not None
     first_m, last_m = drawn.arc_length_m[0] + _END_MARGIN_M, drawn.arc_length_m[-1] - _END_MARGIN_M
     line_part = drawn.at("root", np.linspace(first_m, last_m, config.frames))
-    line_part[:, 2] = 1e-3 * config.thickness_mm + _CROSSING_ABOVE_M
+    line_part[:, 2] = 1e-3 * config.thickness_mm + _TIP_ABOVE_M - station.head.below_tip_m
     points_base = station.planner.known_cell.T_base_part("plate").apply(line_part)
     steps = np.gradient(points_base, axis=0)
     return ScanPath(
@@ -118,7 +119,7 @@ def _tips_base(station: Station, tracked: TrackedSeam, alignment: Alignment, nam
     for index, point_base in enumerate(tracked.seam.points[name]):
         rng = generator(station.seed, f"seam/send/{name}", index)
         rotation = tracked.T_base_flange[index].rotation
-        tips.append(station.send_torch(point_base, rotation, alignment.tip_flange, rng))
+        tips.append(station.send_torch(point_base, rotation, alignment.tip_flange, rng, alignment.arm))
     return np.array(tips)
 
 

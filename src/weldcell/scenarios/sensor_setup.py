@@ -1,18 +1,27 @@
-"""Calibrate and compensate: P2's procedure on the standard sphere, step by step."""
+"""Calibrate and compensate: P2's procedure on the standard sphere, step by step, and the joint estimate after it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from weldcell.calib import compensation, hand_eye, touches
+from weldcell.calib.joint_estimate import JointResult
 from weldcell.cell.errors import JobFailed
 from weldcell.cell.frames import difference
-from weldcell.scenarios.sphere_sights import CALIBRATING, SphereSight, plan_free, plan_translations, take_sights
+from weldcell.scenarios.alignment import Alignment
+from weldcell.scenarios.joint_setup import estimate_jointly
+from weldcell.scenarios.sphere_sights import (
+    CALIBRATING,
+    SphereSight,
+    centres_base,
+    plan_free,
+    plan_translations,
+    take_sights,
+)
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.touching import touch_sphere
-from weldcell.scenarios.verification import Alignment
 
 _FEWEST_SIGHTS = 3
 
@@ -27,29 +36,64 @@ class SensorSetup:
     """Sphere and torch tip from touches."""
     compensated: compensation.CompensationResult
     """The sights aligned with the touched sphere."""
-    before: Alignment
-    """As it is before compensation: first solution, nominal tip."""
-    after: Alignment
-    """As it is afterwards."""
+    joint: JointResult | None
+    """Everything from all sights and touches; None if the method is P2's."""
+    alignments: dict[str, Alignment]
+    """What is known `before` compensation (first solution, nominal tip), by P2's way (`p2`, where it is not the last),
+    and `after` everything."""
     sights: list[SphereSight]
     """All views of the sphere, translations first."""
+
+    @property
+    def after(self) -> Alignment:
+        """What work goes on with."""
+        return self.alignments["after"]
 
     def metrics(self, station: Station) -> dict[str, float]:
         """Errors of the final hand-eye transform against the truth, and how well the views agree."""
         angle_rad, distance_m = difference(self.after.T_flange_camera, station.cell.T_flange_camera)
+        centre_base = self.touched.centre_base if self.joint is None else self.joint.targets_base[0]
+        offsets = centres_base(station, self.sights, self.after) - centre_base
         return {
             "hand_eye_rotation_error_deg": float(np.degrees(angle_rad)),
             "hand_eye_translation_error_mm": 1e3 * distance_m,
-            "sphere_centre_spread_mm": 1e3 * self.compensated.rms_m,
+            "sphere_centre_spread_mm": 1e3 * float(np.sqrt(np.mean(np.sum(offsets**2, axis=1)))),
         }
 
 
 def set_up_sensor(station: Station) -> SensorSetup:
-    """Ten translations and ten free views of the sphere, sixty touches, and the two solutions."""
+    """Ten translations and ten free views of the sphere, sixty touches, and what follows from them."""
+    plan = station.config.calibration
+    sights, translations = _see_sphere(station)
+    first = _first_solution(sights, translations)
+    station.begin("touches", "Touches with the torch")
+    orientations = _flanges(sights[translations - 1 :]).rotation
+    touches_rad = touch_sphere(station, first.target_base, orientations, plan.touches)
+    touched = _touched(station, touches_rad)
+    compensated = _compensate(sights, touched, first, 1e-3 * plan.robot_sigma_mm)
+    before = Alignment(T_flange_camera=first.T_flange_camera, tip_flange=station.tip_nominal_flange)
+    p2 = Alignment(T_flange_camera=compensated.T_flange_camera, tip_flange=touched.tip_flange)
+    joint, alignments = None, {"before": before, "after": p2}
+    if station.config.method == "joint":
+        joint = estimate_jointly(station, sights, touches_rad, compensated.T_flange_camera)
+        _require(joint.verdict, joint.reasons, "joint estimate")
+        alignments = {"before": before, "p2": p2, "after": _joint_alignment(joint)}
+    return SensorSetup(
+        first=first,
+        touched=touched,
+        compensated=compensated,
+        joint=joint,
+        alignments=alignments,
+        sights=sights,
+    )
+
+
+def _see_sphere(station: Station) -> tuple[list[SphereSight], int]:
+    """The views that found the sphere, translations first, and how many of them are translations."""
     plan = station.config.calibration
     station.begin("calibration", "Calibration on the sphere")
     station.place_sphere(station.sphere_known_base, stage="calibrate")
-    drawn = station.drawing_T_flange_camera
+    drawn = station.head.T_flange_camera
     postures = plan_translations(station, station.sphere_known_base, plan.translations)
     sights = take_sights(station, postures, drawn, "translations", "sphere: translations")
     translations = len(sights)
@@ -60,17 +104,7 @@ def set_up_sensor(station: Station) -> SensorSetup:
             f"sphere: found in {translations} of {plan.translations} translations and {len(sights) - translations} of "
             f"{plan.free_poses} free poses, expected at least {_FEWEST_SIGHTS} each"
         )
-    first = _first_solution(sights, translations)
-    touched = _touch(station, first.target_base, _flanges(sights[translations - 1 :]).rotation)
-    compensated = _compensate(sights, touched, first, 1e-3 * plan.robot_sigma_mm)
-    return SensorSetup(
-        first=first,
-        touched=touched,
-        compensated=compensated,
-        before=Alignment(T_flange_camera=first.T_flange_camera, tip_flange=station.tip_nominal_flange),
-        after=Alignment(T_flange_camera=compensated.T_flange_camera, tip_flange=touched.tip_flange),
-        sights=sights,
-    )
+    return sights, translations
 
 
 def _first_solution(sights: list[SphereSight], translations: int) -> hand_eye.HandEyeResult:
@@ -85,17 +119,20 @@ def _first_solution(sights: list[SphereSight], translations: int) -> hand_eye.Ha
     return result
 
 
-def _touch(station: Station, target_base: Float[np.ndarray, "3"], orientations: Rotation) -> touches.TouchResult:
-    plan = station.config.calibration
-    station.begin("touches", "Touches with the torch")
-    T_base_flange = touch_sphere(station, target_base, orientations, plan.touches)
+def _joint_alignment(joint: JointResult) -> Alignment:
+    return Alignment(
+        T_flange_camera=joint.T_flange_camera, tip_flange=joint.tip_flange, arm=joint.arm, sensor=joint.sensor
+    )
+
+
+def _touched(station: Station, touches_rad: Float[np.ndarray, "m 6"]) -> touches.TouchResult:
     result = touches.solve(
         touches.TouchProblem(
-            T_base_flange=T_base_flange,
+            T_base_flange=station.controller.forward(touches_rad),
             tip_flange=station.tip_nominal_flange,
             radius_m=station.parts.sphere_radius_m,
             tip_radius_m=station.parts.tip_radius_m,
-            estimate_tip=plan.estimate_tip,
+            estimate_tip=station.config.calibration.estimate_tip,
         )
     )
     _require(result.verdict, result.reasons, "touches")

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
 
-from weldcell.cell.configuration import CellConfig
+from weldcell.cell.configuration import SENSOR_PRESETS, CellConfig, SensorConfig
 from weldcell.cell.errors import BadInput
 from weldcell.scenarios.catalogue import did_you_mean
 from weldcell.scenarios.yaml_file import read_yaml
@@ -29,6 +29,11 @@ _UNITS = {
     "_um": "um",
     "_deg": "deg",
     "_px": "px",
+    "_nm": "nm",
+    "_ms": "ms",
+    "_db": "dB",
+    "_s": "s",
+    "_electrons": "electrons",
 }
 
 
@@ -58,6 +63,9 @@ class Field:
         """The value in the field's own type; refused, naming where it stands, unless type and bounds fit."""
         from pydantic import TypeAdapter, ValidationError  # not needed for listings and help
 
+        entry = _entry_of(self.hint)
+        if entry is not None and isinstance(value, list):
+            return tuple(_check_entry(entry, item, f"{where}[{k}]") for k, item in enumerate(value))
         try:
             # By way of JSON, because strict lists are no tuples but strict JSON arrays are.
             return TypeAdapter(self.hint).validate_json(json.dumps(value), strict=True)
@@ -81,6 +89,7 @@ class Settings:
         return {"scenario": self.scenario, "seed": self.seed, **dataclasses.asdict(self.config)}
 
 
+_PRESET = "sensor.preset"
 _SEED = Field(path="seed", hint=Seed, default=0, meaning="Where all randomness of the run comes from.")
 
 
@@ -90,19 +99,28 @@ def resolve(
     """The settings of a run of `scenario`: defaults < `file` < `seed` and `options` (value by field, e.g. robot)."""
     known = {field.path: field for field in fields()}
     values: dict[str, Any] = {}
+    given = {path: known[path].check(value, option_name(path)) for path, value in (options or {}).items()}
     file_seed = _SEED.default
     if file is not None:
         mapping = read_yaml(file)
         _check_scenario(file, mapping.pop("scenario", scenario), scenario)
         file_seed = _SEED.check(mapping.pop("seed", _SEED.default), f"{file}: seed")
         values |= dict(_from_mapping(mapping, known, file))
-    for path, value in (options or {}).items():
-        values[path] = known[path].check(value, option_name(path))
+    if _PRESET in given and _PRESET in values:  # what the file only has from its own preset gives way to the new one
+        old = _preset_values(values)
+        values = {path: value for path, value in values.items() if path not in old or value != old[path]}
+    values |= given
     return Settings(
         scenario=scenario,
         seed=file_seed if seed is None else _SEED.check(seed, "--seed"),
-        config=_build(CellConfig, values),
+        config=_build(CellConfig, _preset_values(values) | values),
     )
+
+
+def _preset_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The sensor's fields as the chosen preset has them."""
+    preset = SENSOR_PRESETS[values.get(_PRESET, SensorConfig.preset)]
+    return {f"sensor.{name}": value for name, value in vars(preset).items()}
 
 
 @cache
@@ -124,7 +142,7 @@ def option_name(path: str) -> str:
 
 def shown_default(field: Field) -> str:
     """The default as a person would write it, with its unit."""
-    text = " ".join(_as_words(field.default))
+    text = " ".join(_as_words(field.default)) or "none"
     return f"{text} {field.unit}".strip()
 
 
@@ -183,6 +201,36 @@ def _from_mapping(
             yield from _from_mapping(value, known, file, f"{path}.")
 
 
+def _entry_of(hint: Any) -> type | None:
+    """The section that each entry of a list is; None if the field is no list of sections."""
+    entry = get_args(hint)[0] if get_origin(hint) is tuple else None
+    return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
+
+
+def _check_entry(section: type, item: object, where: str) -> Any:
+    """One entry of a list of sections; refused, naming where it stands, unless its fields fit."""
+    hints, meanings = get_type_hints(section, include_extras=True), _meanings(section)
+    defaults = {field.name: field.default for field in dataclasses.fields(section)}
+    if not isinstance(item, dict):
+        raise BadInput(f"{where}: found {_shown(item)}, expected {_expected(section)}")
+    for name in item:
+        if name not in hints:
+            raise BadInput(f"{where}.{_shown_key(str(name))}: no such field{did_you_mean(str(name), hints)}")
+    for name, default in defaults.items():
+        if default is dataclasses.MISSING and name not in item:
+            raise BadInput(f"{where}.{name}: found nothing, expected {_expected(hints[name])}")
+    values = {
+        name: Field(path=name, hint=hints[name], default=defaults[name], meaning=meanings[name]).check(
+            value, f"{where}.{name}"
+        )
+        for name, value in item.items()
+    }
+    try:
+        return section(**values)
+    except BadInput as refusal:
+        raise BadInput(f"{where}: {refusal}") from None
+
+
 def _build(section: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     """The section with these values by path, and defaults for the rest."""
     given: dict[str, Any] = {}
@@ -200,7 +248,9 @@ def _expected(hint: Any) -> str:
     if kind is bool:
         return "true or false"
     if get_origin(kind) is Literal:
-        return f"one of {', '.join(get_args(kind))}"
+        return f"one of {', '.join(map(str, get_args(kind)))}"
+    if dataclasses.is_dataclass(kind):
+        return f"a mapping of {', '.join(get_type_hints(kind))}"
     if get_origin(kind) is tuple:
         item, *rest = get_args(kind)
         return f"a list, each entry {_expected(item)}" if rest == [...] else f"{1 + len(rest)} times {_expected(item)}"

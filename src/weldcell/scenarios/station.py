@@ -6,28 +6,29 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from weldcell.calib.calibrated_arm import CalibratedArm
 from weldcell.cell.configuration import CellConfig
 from weldcell.cell.frames import rigid_from, translation
 from weldcell.cell.optics import CameraModel, LaserPlane
 from weldcell.cell.profile import JointFeatures, Profile, Shot, Stripe
 from weldcell.cell.randomness import generator
-from weldcell.cell.world.controller import Controller
+from weldcell.cell.world.controller import nominal_arm
 from weldcell.cell.world.motion import MotionPlanner
 from weldcell.cell.world.robot_error import BUDGETS, RobotError, draw_error
 from weldcell.cell.world.scene import (
-    DRAWN_T_FLANGE_CAMERA,
-    DRAWN_T_FLANGE_TORCH,
     HOME_RAD,
     SHELF,
     build_cell,
     build_controller,
     build_parts,
+    head_design,
 )
+from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
 from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
-from weldcell.sensor_sim.line_sensor import LineSensor
+from weldcell.sensor_sim.line_sensor import STANDING, LineSensor, Moment
 from weldcell.tracking.stripe import find_stripe
 from weldcell.tracking.triangulation import triangulate
 
@@ -49,6 +50,8 @@ class Sight:
 
     frame: int
     """Number of the picture in the run."""
+    joints_rad: Float[np.ndarray, "6"]
+    """Joint readings from which it was taken."""
     shot: Shot
     stripe: Stripe
     profile: Profile
@@ -63,30 +66,42 @@ class Station:
         error = draw_error(BUDGETS[config.robot], generator(seed, "robot"))
         camera, plane = nominal_camera(config.sensor), nominal_plane(config.sensor)
         self.belief = believed_sensor(camera, plane, error)
-        self.cell = build_cell(self.parts, error)
-        known_cell = build_cell(self.parts, None)
+        self.head = head_design(config.sensor)
+        self.cell = build_cell(self.parts, self.head, error)
+        known_cell = build_cell(self.parts, self.head, None)
         self.controller = build_controller(known_cell)
+        self.arm = nominal_arm(self.controller, known_cell.model)
         self.heading_rad = float(np.radians(config.seam.yaw_deg))
-        home_rad = home_posture(self.controller, self.heading_rad)
+        home_rad = self._home_posture()
         self.planner = MotionPlanner(controller=self.controller, known_cell=known_cell, home_rad=home_rad)
         source_camera = nominal_source_camera(config.sensor)
-        self.sensor = LineSensor(config.sensor, camera, plane, source_camera, self.cell.model)
+        self.sensor = LineSensor(
+            config.sensor, camera, plane, source_camera, self.cell.model, script=config.disturbances, seed=seed
+        )
         self.joints_rad = home_rad.copy()
         self.time_s = 0.0
         self.frame = 0
-        self.drawing_T_flange_camera = DRAWN_T_FLANGE_CAMERA
-        self.tip_nominal_flange = DRAWN_T_FLANGE_TORCH.translation
-        self.rotation_flange_torch = DRAWN_T_FLANGE_TORCH.rotation
-        self.crossing_flange = DRAWN_T_FLANGE_CAMERA.apply([0, 0, 1e-3 * config.sensor.working_distance_mm])
+        self.tip_nominal_flange = T_FLANGE_TORCH.translation
         self.sphere_known_base = 1e-3 * np.array(config.calibration.sphere_position_mm)
         self.recording.log_cell(self.cell.model)
-        self.recording.log_sensor(camera=camera, plane=plane, fan_rad=float(np.radians(config.sensor.laser_fan_deg)))
+        self.recording.log_sensor(
+            camera=camera,
+            plane=plane,
+            source_camera=source_camera,
+            fan_rad=float(np.radians(config.sensor.laser_fan_deg)),
+        )
 
     def __enter__(self) -> "Station":
         return self
 
     def __exit__(self, *_: object) -> None:
         self.sensor.close()
+
+    def rotation_base_flange(
+        self, heading_rad: float, tilt_rad: float = 0.0, tilt_towards_rad: float = 0.0
+    ) -> Rotation:
+        """The flange's orientation that gives the torch the one of `torch_rotation`."""
+        return torch_rotation(heading_rad, tilt_rad, tilt_towards_rad) * T_FLANGE_TORCH.rotation.inv()
 
     def place_sphere(self, known_base: Float[np.ndarray, "3"], stage: str) -> None:
         """Puts the sphere where the controller is told it is, and actually a little off."""
@@ -116,14 +131,18 @@ class Station:
         self.cell.take(self.joints_rad)
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
 
-    def see(self, stage: str, index: int) -> Sight:
-        """One picture from where the arm stands, with its profile."""
-        self.cell.take(self.joints_rad, generator(self.seed, f"{stage}/pose", index))
-        picture_rng = generator(self.seed, f"{stage}/picture", index)
-        image = self.sensor.capture(self.cell.data, self.cell.T_base("camera"), picture_rng)
-        stripe = find_stripe(image)
+    def see(self, stage: str, index: int, rates_rad_s: Float[np.ndarray, "6"] | None = None) -> Sight:
+        """One picture from where the arm stands, with its profile; `rates_rad_s` are those of a moving arm's joints."""
+        moment = self._moment(f"{stage}/pose", index, rates_rad_s)
+        T_base_camera, rng = self.cell.T_base("camera"), generator(self.seed, f"{stage}/picture", index)
+        if self.config.sensor.profile_only:
+            image, stripe = None, self.sensor.profile(self.cell.data, T_base_camera, rng, moment)
+        else:
+            image = self.sensor.capture(self.cell.data, T_base_camera, rng, moment)
+            stripe = find_stripe(image, along=self.config.sensor.stripe_along)
         sight = Sight(
             frame=self.frame,
+            joints_rad=self.joints_rad.copy(),
             shot=Shot(image=image, T_base_flange=self.controller.forward(self.joints_rad), time_s=self.time_s),
             stripe=stripe,
             profile=triangulate(stripe, self.belief.camera, self.belief.plane),
@@ -131,6 +150,19 @@ class Station:
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
         self.frame += 1
         return sight
+
+    def _moment(self, stage: str, index: int, rates_rad_s: Float[np.ndarray, "6"] | None) -> Moment:
+        """What the sensor's picture needs to know of the cell, which stands as it does in the exposure's middle."""
+        T_begin_end = STANDING
+        if rates_rad_s is not None and self.config.sensor.motion_blur:
+            step_rad = 0.5e-3 * self.config.sensor.exposure_ms * rates_rad_s
+            ends = []
+            for sign in (-1, 1):
+                self.cell.take(self.joints_rad + sign * step_rad, generator(self.seed, stage, index))
+                ends.append(self.cell.T_base("camera"))
+            T_begin_end = ends[0].inv() * ends[1]
+        self.cell.take(self.joints_rad, generator(self.seed, stage, index))
+        return Moment(time_s=self.time_s, T_base_torch=self.cell.T_base("torch"), T_begin_end=T_begin_end)
 
     def log_sight(self, sight: Sight, T_flange_camera: RigidTransform, joint: JointFeatures | None = None) -> None:
         """Records a picture, its profile placed by a hand-eye transform, and what was found in it."""
@@ -157,16 +189,28 @@ class Station:
         rotation_base_flange: Rotation,
         tip_flange: Float[np.ndarray, "3"],
         rng: np.random.Generator,
+        arm: CalibratedArm | None = None,
     ) -> Float[np.ndarray, "3"]:
-        """Where the actual tip goes (m, base) when the controller sends `tip_flange` to a point."""
+        """Where the actual tip goes (m, base) when the controller sends `tip_flange` to a point.
+
+        With a calibrated `arm` the controller's readings are corrected by what is known of the arm's errors.
+        """
         T_base_flange = flange_at(point_base, rotation_base_flange, tip_flange)
-        self.cell.take(self.controller.inverse(T_base_flange, self.joints_rad), rng)
+        joints_rad = self.controller.inverse(T_base_flange, self.joints_rad)
+        if arm is not None:
+            joints_rad = arm.readings(RigidTransform.concatenate([T_base_flange]), joints_rad[None])[0]
+        self.cell.take(joints_rad, rng)
         return self.cell.tip_base
 
     def gap_to_sphere_m(self) -> float:
         """Actual distance between the surfaces of tip and sphere; negative when one is inside the other."""
         apart_m = np.linalg.norm(self.cell.tip_base - self.cell.T_base_part("sphere").translation)
         return float(apart_m) - self.parts.sphere_radius_m - self.parts.tip_radius_m
+
+    def _home_posture(self) -> Float[np.ndarray, "6"]:
+        """Readings with the torch upright over the table, clear of everything, its sensor ahead in travel."""
+        rotation = self.rotation_base_flange(self.heading_rad)
+        return self.controller.inverse(flange_at(_HOME_TIP_BASE, rotation, T_FLANGE_TORCH.translation), HOME_RAD)
 
     def _place_workpiece(
         self, part: str, position_mm: tuple[float, float, float], yaw_deg: float, off_mm: float, off_deg: float
@@ -187,13 +231,6 @@ class Station:
             for other, T_base_shelf in SHELF.items():
                 cell.place(other, T if other == part else T_base_shelf)
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
-
-
-def home_posture(controller: Controller, heading_rad: float) -> Float[np.ndarray, "6"]:
-    """Readings with the torch upright over the table, clear of everything, its sensor ahead in this direction."""
-    rotation_base_flange = torch_rotation(heading_rad) * DRAWN_T_FLANGE_TORCH.rotation.inv()
-    T_base_flange = flange_at(_HOME_TIP_BASE, rotation_base_flange, DRAWN_T_FLANGE_TORCH.translation)
-    return controller.inverse(T_base_flange, HOME_RAD)
 
 
 def believed_sensor(camera: CameraModel, plane: LaserPlane, error: RobotError) -> SensorBelief:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import JobFailed, OutOfReach
 from weldcell.cell.randomness import generator
+from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at
 
@@ -23,18 +24,18 @@ _CONTACT_M = 1e-9  # how closely the contact is resolved
 
 def touch_sphere(
     station: Station, centre_base: Float[np.ndarray, "3"], orientations: Rotation, count: int
-) -> RigidTransform:
-    """The flange poses (a stack) that the controller reports at touches all round the upper sphere.
+) -> Float[np.ndarray, "count 6"]:
+    """The joint readings at touches all round the upper sphere.
 
     `centre_base` is where the sphere is believed to stand. The flange takes the `orientations` (R_base_flange, a
     stack) in turn: those in which the sensor saw the sphere, so that the robot errs alike in sights and touches.
     """
-    poses = []
+    readings = []
     for index in station.progress.track(range(count), "touch the sphere"):
         rng = generator(station.seed, "touch/plan", index)
         approach = _approach(station, centre_base, orientations[index % len(orientations)], rng)
-        poses.append(_touch(station, approach, index))
-    return RigidTransform.concatenate(poses)
+        readings.append(_touch(station, approach, index))
+    return np.array(readings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +56,7 @@ def _approach(
     station: Station, centre_base: Float[np.ndarray, "3"], rotation: Rotation, rng: np.random.Generator
 ) -> _Approach:
     radius_m = station.parts.sphere_radius_m + station.parts.tip_radius_m
-    wire_base = (rotation * station.rotation_flange_torch).apply([0, 0, 1])
+    wire_base = (rotation * T_FLANGE_TORCH.rotation).apply([0, 0, 1])
     for _ in range(_ATTEMPTS):
         outward = _outward(rng)
         if outward @ -wire_base < np.cos(_OFF_AXIS_RAD):
@@ -84,8 +85,8 @@ def _outward(rng: np.random.Generator) -> Float[np.ndarray, "3"]:
     return np.array([side * np.cos(turn), side * np.sin(turn), up])
 
 
-def _touch(station: Station, approach: _Approach, index: int) -> RigidTransform:
-    """The flange pose that the controller reports when the actual tip meets the actual sphere."""
+def _touch(station: Station, approach: _Approach, index: int) -> Float[np.ndarray, "6"]:
+    """The joint readings at which the actual tip meets the actual sphere."""
     station.go(approach.joints_rad)
 
     def readings(travel_m: float) -> Float[np.ndarray, "6"]:
@@ -103,4 +104,4 @@ def _touch(station: Station, approach: _Approach, index: int) -> RigidTransform:
     station.recording.log_touch(station.cell.tip_base, frame=station.frame, time_s=station.time_s)
     station.frame += 1  # a touch counts like a picture, so that the recording can be stopped at it
     station.stand_at(approach.joints_rad, station.time_s + _STANDOFF_M / _APPROACH_M_S)
-    return station.controller.forward(joints_rad)
+    return joints_rad

@@ -1,25 +1,23 @@
 """Torch errors at points: how far the actual tip would miss when it is sent to where the sensor saw them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import JobFailed
 from weldcell.cell.randomness import generator
-from weldcell.scenarios.sphere_sights import WORKING, SphereSight, plan_free, take_sights
+from weldcell.scenarios.alignment import Alignment
+from weldcell.scenarios.sphere_sights import (
+    WORKING,
+    SphereSight,
+    centres_base,
+    flanges_of,
+    plan_free,
+    take_sights,
+)
 from weldcell.scenarios.station import Station
-
-
-@dataclass(frozen=True, kw_only=True)
-class Alignment:
-    """What is known at one time of sensor and torch."""
-
-    T_flange_camera: RigidTransform
-    """Hand-eye transform."""
-    tip_flange: Float[np.ndarray, "3"]
-    """Torch tip in the flange, m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,26 +49,31 @@ def visit_point(station: Station, name: str, offset_m: Float[np.ndarray, "3"], a
 def tips_base(station: Station, check: PointCheck, alignment: Alignment) -> Float[np.ndarray, "n 3"]:
     """Where the actual tip goes for each viewpoint, the flange keeping the orientation of the view (m)."""
     tips = []
-    for index, seen in enumerate(check.sights):
-        point_base = (seen.T_base_flange * alignment.T_flange_camera).apply(seen.centre.centre_camera)
+    points_base = centres_base(station, check.sights, alignment)
+    rotations = flanges_of(check.sights, alignment).rotation
+    for index, point_base in enumerate(points_base):
         rng = generator(station.seed, f"{check.name}/send", index)
-        tips.append(station.send_torch(point_base, seen.T_base_flange.rotation, alignment.tip_flange, rng))
+        tips.append(station.send_torch(point_base, rotations[index], alignment.tip_flange, rng, alignment.arm))
     return np.array(tips)
 
 
-def verify(station: Station, before: Alignment, after: Alignment) -> dict[str, float]:
-    """Mean torch errors (mm) at the points near the sphere and over those far from it, before and after."""
+def verify(station: Station, alignments: Mapping[str, Alignment]) -> dict[str, float]:
+    """Mean torch errors (mm) at the points near the sphere and over those far from it, for each alignment.
+
+    The last one is what the recording shows.
+    """
     plan = station.config.calibration
     station.begin("verification", "Verification at points")
     metrics: dict[str, float] = {}
+    *_, last = alignments.values()
     for where, offsets_mm in (("point", plan.near_points_mm), ("far", plan.far_points_mm)):
         checks = [
-            visit_point(station, f"{where}_{k + 1}", 1e-3 * np.array(offset_mm), after)
+            visit_point(station, f"{where}_{k + 1}", 1e-3 * np.array(offset_mm), last)
             for k, offset_mm in enumerate(offsets_mm)
         ]
         tips = {
             when: {check.name: tips_base(station, check, alignment) for check in checks}
-            for when, alignment in (("before", before), ("after", after))
+            for when, alignment in alignments.items()
         }
         errors = {
             when: [1e3 * np.linalg.norm(found[check.name] - check.point_base, axis=1) for check in checks]

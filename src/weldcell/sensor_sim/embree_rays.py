@@ -13,8 +13,8 @@ from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int
 
-from weldcell.sensor_sim.mujoco_rays import MujocoRays
-from weldcell.sensor_sim.solid_rays import SOLIDS, solid_hits
+from weldcell.sensor_sim.mujoco_rays import MujocoRays, NearestHits
+from weldcell.sensor_sim.solid_rays import SOLIDS, Origins, solid_hits
 
 _MARGIN = 1e-4  # of a bounding sphere's radius: far above single precision's rounding
 _ENDLESS_M = 1e30  # infinity would do as well, but for its warnings
@@ -28,6 +28,7 @@ class EmbreeRays:
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self._radius_m = np.where(plane, np.inf, model.geom_rbound * (1 + _MARGIN))
         self._small_first = np.argsort(self._radius_m, kind="stable")  # what stands on the table shortens its rays
+        self._known = np.isin(model.geom_type, (*SOLIDS, mujoco.mjtGeom.mjGEOM_MESH))
         self._device = EmbreeDevice()
         self._meshes: dict[int, _Mesh] = {}
         self._others: MujocoRays | None = None
@@ -36,42 +37,42 @@ class EmbreeRays:
         self,
         data: mujoco.MjData,
         chosen: Bool[np.ndarray, "geoms"],
-        origin: Float[np.ndarray, "3"],
+        origin: Origins,
         directions: Float[np.ndarray, "n 3"],
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
-        """Distances (m), outward normals and geoms (-1 for a miss) of the first hits on the chosen geoms."""
-        kinds = self._model.geom_type
-        known = np.isin(kinds, (*SOLIDS, mujoco.mjtGeom.mjGEOM_MESH))
-        distance_m, normals, geom_id = self._by_mujoco(data, chosen & ~known, origin, directions)
-        for geom in self._small_first[(chosen & known)[self._small_first]]:
+    ) -> NearestHits:
+        """The first hits on the chosen geoms."""
+        hits = self._by_mujoco(data, chosen & ~self._known, origin, directions)
+        for geom in self._small_first[(chosen & self._known)[self._small_first]]:
             entry_m = _sphere_entry(origin, directions, data.geom_xpos[geom], self._radius_m[geom])
-            rays = np.flatnonzero(entry_m < distance_m)
+            rays = np.flatnonzero(entry_m < hits.distance_m)
             if len(rays) == 0:
                 continue
             R_base_geom = data.geom_xmat[geom].reshape(3, 3)
-            origin_geom = (origin - data.geom_xpos[geom]) @ R_base_geom
-            stretch = entry_m[rays], distance_m[rays]
-            met_m, normals_geom = self._meet(int(geom), origin_geom, directions[rays] @ R_base_geom, *stretch)
-            nearer = met_m < distance_m[rays]
+            origin_geom = (_of_rays(origin, rays) - data.geom_xpos[geom]) @ R_base_geom
+            stretch = entry_m[rays], hits.distance_m[rays]
+            met_m, normals_geom, face = self._meet(int(geom), origin_geom, directions[rays] @ R_base_geom, *stretch)
+            nearer = met_m < hits.distance_m[rays]
             rays = rays[nearer]
-            distance_m[rays] = met_m[nearer]
-            normals[rays] = normals_geom[nearer] @ R_base_geom.T
-            geom_id[rays] = geom
-        return distance_m, normals, geom_id
+            hits.distance_m[rays] = met_m[nearer]
+            hits.normals[rays] = normals_geom[nearer] @ R_base_geom.T
+            hits.geom_id[rays] = geom
+            hits.face_id[rays] = face[nearer]
+        return hits
 
     def _meet(
         self,
         geom: int,
-        origin_geom: Float[np.ndarray, "3"],
+        origin_geom: Origins,
         directions_geom: Float[np.ndarray, "n 3"],
         entry_m: Float[np.ndarray, "n"],
         end_m: Float[np.ndarray, "n"],
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
-        """Distances (infinite for a miss) and outward normals on one geom, in its frame; what lies beyond `end_m` may
-        be missed.
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+        """Distances (infinite for a miss), outward normals and triangles on one geom, in its frame; what lies beyond
+        `end_m` may be missed.
         """
         if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
-            return solid_hits(self._model.geom_type[geom], self._model.geom_size[geom], origin_geom, directions_geom)
+            kind, size = self._model.geom_type[geom], self._model.geom_size[geom]
+            return *solid_hits(kind, size, origin_geom, directions_geom), np.full(len(directions_geom), -1)
         mesh = int(self._model.geom_dataid[geom])
         if mesh not in self._meshes:
             self._meshes[mesh] = _Mesh(self._model, mesh, self._device)
@@ -81,16 +82,17 @@ class EmbreeRays:
         self,
         data: mujoco.MjData,
         chosen: Bool[np.ndarray, "geoms"],
-        origin: Float[np.ndarray, "3"],
+        origin: Origins,
         directions: Float[np.ndarray, "n 3"],
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+    ) -> NearestHits:
         """Hits on geoms of the kinds that only MuJoCo knows (height fields, signed distance fields)."""
         if not chosen.any():
             count = len(directions)
-            return np.full(count, np.inf), np.full((count, 3), np.nan), np.full(count, -1, np.int32)
+            nothing = np.full(count, -1)
+            return NearestHits(np.full(count, np.inf), np.full((count, 3), np.nan), nothing, nothing.copy())
         self._others = self._others or MujocoRays(self._model)
-        distance_m, normals, geom_id = self._others.nearest(data, chosen, origin, directions)
-        return np.where(geom_id >= 0, distance_m, np.inf), normals, geom_id
+        hits = self._others.nearest(data, chosen, origin, directions)
+        return hits._replace(distance_m=np.where(hits.geom_id >= 0, hits.distance_m, np.inf))
 
 
 class _Mesh:
@@ -104,6 +106,7 @@ class _Mesh:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         doubled_area = np.linalg.norm(normals, axis=1)
         kept = doubled_area > 0  # what has no area covers nothing
+        self._face_id = np.flatnonzero(kept)
         self._corners = corners[kept]
         self._normals = normals[kept] / doubled_area[kept, None]
         self._radius_m = float(np.linalg.norm(vertices, axis=1).max())
@@ -112,24 +115,32 @@ class _Mesh:
 
     def hits(
         self,
-        origin: Float[np.ndarray, "3"],
+        origin: Origins,
         directions: Float[np.ndarray, "n 3"],
         entry_m: Float[np.ndarray, "n"],
         end_m: Float[np.ndarray, "n"],
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
-        """Distances (infinite for a miss) and outward normals; rays run from `entry_m` to a little past `end_m`."""
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+        """Distances (infinite for a miss), outward normals, triangles; rays run from `entry_m` to just past `end_m`."""
         starts = origin + entry_m[:, None] * directions
         longest_m = np.minimum(end_m - entry_m + _MARGIN * self._radius_m, _ENDLESS_M).astype(np.float32)
         triangle = self._scene.run(starts.astype(np.float32), directions.astype(np.float32), longest_m)
         hit = np.flatnonzero(triangle >= 0)
         distance_m, normals = np.full(len(directions), np.inf), np.full((len(directions), 3), np.nan)
+        face_id = np.full(len(directions), -1)
         normals[hit] = self._normals[triangle[hit]]
-        distance_m[hit] = _plane_distance(origin, directions[hit], self._corners[triangle[hit]], normals[hit])
-        return distance_m, normals
+        face_id[hit] = self._face_id[triangle[hit]]
+        corners = self._corners[triangle[hit]]
+        distance_m[hit] = _plane_distance(_of_rays(origin, hit), directions[hit], corners, normals[hit])
+        return distance_m, normals, face_id
+
+
+def _of_rays(origin: Origins, rays: Int[np.ndarray, "n"]) -> Origins:
+    """The origin or origins of some of the rays."""
+    return origin if origin.ndim == 1 else origin[rays]
 
 
 def _plane_distance(
-    origin: Float[np.ndarray, "3"],
+    origin: Origins,
     directions: Float[np.ndarray, "n 3"],
     corners: Float[np.ndarray, "n 3 3"],
     normals: Float[np.ndarray, "n 3"],
@@ -138,7 +149,7 @@ def _plane_distance(
 
     The bounds matter for slivers and for rays along the plane, whose quotient has no digits left.
     """
-    corners = corners - origin
+    corners = corners - origin[..., None, :]
     along = np.einsum("nki,ni->nk", corners, directions)
     with np.errstate(divide="ignore", invalid="ignore"):
         plane_m = np.einsum("ni,ni->n", corners[:, 0], normals) / np.einsum("ni,ni->n", directions, normals)
@@ -146,7 +157,7 @@ def _plane_distance(
 
 
 def _sphere_entry(
-    origin: Float[np.ndarray, "3"],
+    origin: Origins,
     directions: Float[np.ndarray, "n 3"],
     centre: Float[np.ndarray, "3"],
     radius_m: float,
@@ -155,7 +166,7 @@ def _sphere_entry(
     if not np.isfinite(radius_m):
         return np.zeros(len(directions))
     offset = centre - origin
-    along = directions @ offset
+    along = directions @ offset if offset.ndim == 1 else np.einsum("ni,ni->n", directions, offset)
     beside = offset - along[:, None] * directions
     half_chord_squared = radius_m**2 - np.einsum("ni,ni->n", beside, beside)
     half_chord = np.sqrt(np.maximum(half_chord_squared, 0))

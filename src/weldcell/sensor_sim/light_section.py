@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import RigidTransform
 
-from weldcell.cell.errors import BadGeometry
-from weldcell.cell.optics import CameraModel, LaserPlane
+from weldcell.cell.optics import CameraModel
+from weldcell.sensor_sim.laser import LaserFan
 from weldcell.sensor_sim.rays import RayCaster
 
 _OCCLUSION_TOLERANCE_M = 1e-6
@@ -21,21 +21,18 @@ _MARGIN_PX = 16.0  # followed beyond the picture's border, so that the stripe do
 
 
 @dataclass(frozen=True, kw_only=True)
-class LaserFan:
-    """The light as it leaves the laser: rays of one plane from one point."""
-
-    plane: LaserPlane
-    """The actual light plane."""
-    source_camera: Float[np.ndarray, "3"]
-    """Where the fan starts, in the plane, camera frame (m)."""
-    directions_camera: Float[np.ndarray, "n 3"]
-    """Unit directions of the rays, in order across the fan."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class LightSection:
-    """Where each ray of the fan lands, in order across the fan; camera frame, metres."""
+    """Where each ray of light lands, in order across the light; camera frame, metres.
 
+    The rays are those of the laser's fan, or what surfaces make of them (then the sheet's normal is each ray's own).
+    """
+
+    directions_camera: Float[np.ndarray, "n 3"]
+    """Unit direction in which the light arrives."""
+    sheet_normals_camera: Float[np.ndarray, "n 3"]
+    """Unit normal of the light sheet."""
+    sheet_sigma_m: Float[np.ndarray, "n"]
+    """Standard deviation of the sheet's section where it lands; NaN where it lights nothing."""
     points_camera: Float[np.ndarray, "n 3"]
     """What the ray lights; NaN where it lights nothing."""
     normals_camera: Float[np.ndarray, "n 3"]
@@ -43,37 +40,19 @@ class LightSection:
     incidence_cos: Float[np.ndarray, "n"]
     """Cosine between the normal and the way back to the laser."""
     range_m: Float[np.ndarray, "n"]
-    """Distance from the laser's source."""
+    """Way of the light from the laser's source."""
     pixels: Float[np.ndarray, "n 2"]
     """Where the camera would see the point, distortion included."""
     geom_id: Int[np.ndarray, "n"]
     """The geom that is lit; -1 for none."""
+    face_id: Int[np.ndarray, "n"]
+    """The triangle of its mesh; -1 on solids and where the rays do not tell."""
     lit: Bool[np.ndarray, "n"]
     """Whether the ray lights a surface from outside."""
     visible: Bool[np.ndarray, "n"]
     """Whether nothing hides the lit point from the camera; looked up only in and close around the picture."""
     seen: Bool[np.ndarray, "n"]
     """Whether it is visible and within the picture."""
-
-
-def laser_fan(plane: LaserPlane, source_camera: Float[np.ndarray, "3"], fan_rad: float, ray_count: int) -> LaserFan:
-    """The fan about the plane's light direction, rays evenly spaced on a surface hit head-on.
-
-    A source that lies off the plane (a real one never does) is moved to its foot in the plane.
-    """
-    source_camera = np.asarray(source_camera, dtype=float)
-    if source_camera.shape != (3,) or not np.all(np.isfinite(source_camera)):
-        raise BadGeometry(f"laser: expected a source of 3 finite numbers, found {source_camera.tolist()}")
-    if not 0 < fan_rad < np.pi or ray_count < 2:
-        raise BadGeometry(f"laser: expected a fan of 0 to pi and 2 rays or more, found {fan_rad:.6g}, {ray_count}")
-    axes = plane.T_camera_laser.rotation.as_matrix()
-    slope = np.linspace(-1, 1, ray_count) * np.tan(fan_rad / 2)
-    directions = slope[:, None] * axes[:, 0] + axes[:, 2]
-    return LaserFan(
-        plane=plane,
-        source_camera=source_camera - plane.distance_m(source_camera) * plane.normal_camera,
-        directions_camera=directions / np.linalg.norm(directions, axis=1, keepdims=True),
-    )
 
 
 def light_section(
@@ -89,22 +68,26 @@ def light_section(
     points_camera = fan.source_camera + hits.distance_m[:, None] * fan.directions_camera
     points_camera = np.where(lit[:, None], points_camera, np.nan)
     pixels = camera.project(points_camera)
-    visible = lit & _near_picture(camera, pixels) & (np.einsum("ni,ni->n", normals_camera, points_camera) < 0)
-    visible[visible] = _reached(caster, data, R_base_camera, centre_base, points_camera[visible])
+    visible = lit & near_picture(camera, pixels) & (np.einsum("ni,ni->n", normals_camera, points_camera) < 0)
+    visible[visible] = reached(caster, data, R_base_camera, centre_base, points_camera[visible])
     return LightSection(
+        directions_camera=fan.directions_camera,
+        sheet_normals_camera=np.broadcast_to(fan.plane.normal_camera, points_camera.shape),
+        sheet_sigma_m=fan.sheet.sigma_m(hits.distance_m),
         points_camera=points_camera,
         normals_camera=normals_camera,
         incidence_cos=incidence_cos,
         range_m=hits.distance_m,
         pixels=pixels,
         geom_id=np.where(lit, hits.geom_id, -1),
+        face_id=np.where(lit, hits.face_id, -1),
         lit=lit,
         visible=visible,
         seen=visible & camera.in_picture(pixels),
     )
 
 
-def _reached(
+def reached(
     caster: RayCaster,
     data: mujoco.MjData,
     R_base_camera: Float[np.ndarray, "3 3"],
@@ -120,7 +103,8 @@ def _reached(
     return ~first.hit | (first.distance_m > depth_m - _OCCLUSION_TOLERANCE_M)
 
 
-def _near_picture(camera: CameraModel, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+def near_picture(camera: CameraModel, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+    """Whether pixels lie in the picture or so close around it that a stripe must be followed there."""
     u, v = pixels[:, 0], pixels[:, 1]
     inside_u = (u > -_MARGIN_PX) & (u < camera.width_px + _MARGIN_PX)
     return inside_u & (v > -_MARGIN_PX) & (v < camera.height_px + _MARGIN_PX)

@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from weldcell.cell.errors import BadGeometry, NotReady
-from weldcell.sensor_sim.mujoco_rays import MujocoRays
+from weldcell.sensor_sim.mujoco_rays import MujocoRays, NearestHits
+from weldcell.sensor_sim.solid_rays import Origins
 
 SCENE_GROUPS = (0, 1, 2)
 """Geom groups that light meets: parts, arm, torch; not 3, the sensor's own head."""
@@ -38,19 +39,21 @@ class RayHits:
     """Outward unit normal of the surface there (along the ray if it is met from inside); NaN for a miss."""
     geom_id: Int[np.ndarray, "n"]
     """The geom; -1 for a miss."""
+    face_id: Int[np.ndarray, "n"]
+    """The triangle of the geom's mesh; -1 for a miss, on solids, and always with MuJoCo's rays."""
 
 
 @runtime_checkable
 class _Tracer(Protocol):
-    """What finds the nearest hits on the chosen geoms: distances, normals, geoms (-1 for a miss)."""
+    """What finds the nearest hits on the chosen geoms."""
 
     def nearest(
         self,
         data: mujoco.MjData,
         chosen: Bool[np.ndarray, "geoms"],
-        origin: Float[np.ndarray, "3"],
+        origin: Origins,
         directions: Float[np.ndarray, "n 3"],
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]: ...
+    ) -> NearestHits: ...
 
 
 class RayCaster:
@@ -70,10 +73,15 @@ class RayCaster:
         self._radius_m = np.where(unbounded, np.inf, model.geom_rbound)
 
     def cast(
-        self, data: mujoco.MjData, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+        self,
+        data: mujoco.MjData,
+        origin: Origins,
+        directions: Float[np.ndarray, "n 3"],
+        among: Bool[np.ndarray, "geoms"] | None = None,
     ) -> RayHits:
-        """What rays from `origin` along unit `directions` (base frame, m) meet first.
+        """What rays from `origin` (one, or one for each ray) along unit `directions` (base frame, m) meet first.
 
+        `among` names the geoms that matter, if that is known; else those that no ray can reach are left out here.
         Raises BadGeometry for rays that are not finite or not of unit length, NotReady for data without kinematics.
         """
         origin = np.asarray(origin, dtype=float)
@@ -81,33 +89,38 @@ class RayCaster:
         _check_rays(origin, directions)
         self._check_data(data)
         if len(directions) == 0:
-            return _hits(origin, directions, np.empty(0), np.empty((0, 3)), np.empty(0, np.int32))
-        chosen = self._seen & self._reachable(data, origin, directions)
-        return _hits(origin, directions, *self._tracer.nearest(data, chosen, origin, directions))
+            nothing = np.empty(0, np.int32)
+            return _hits(origin, directions, NearestHits(np.empty(0), np.empty((0, 3)), nothing, nothing))
+        chosen = self._seen & (self.reachable(data, origin, directions) if among is None else among)
+        return _hits(origin, directions, self._tracer.nearest(data, chosen, origin, directions))
 
-    def _check_data(self, data: mujoco.MjData) -> None:
-        count = len(self._seen)
-        if data.geom_xpos.shape[0] != count:
-            raise NotReady(f"rays: the data hold {data.geom_xpos.shape[0]} geoms, expected {count} (another model?)")
-        rotations = data.geom_xmat.reshape(-1, 3, 3)
-        if not np.allclose(np.einsum("nij,nij->n", rotations, rotations), 3.0, atol=1e-6):
-            raise NotReady("rays: the scene's geoms have no poses yet; call mj_kinematics or mj_forward first")
-
-    def _reachable(
-        self, data: mujoco.MjData, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+    def reachable(
+        self, data: mujoco.MjData, origin: Origins, directions: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, "geoms"]:
-        """Whether a geom's bounding sphere touches the cone that holds all rays."""
+        """Whether a geom's bounding sphere touches the cone that holds all rays.
+
+        Rays from within a ball about their mean origin are led from its centre: each geom grows by the ball's radius.
+        """
+        origin, spread_m = _ball(origin)
         axis = directions.sum(axis=0)
         axis = axis / max(float(np.linalg.norm(axis)), 1e-300)  # rays that cancel out give a cone of everything
         cone_rad = np.arccos(np.clip((directions @ axis).min(), -1, 1)) + 1e-6
         offset = data.geom_xpos - origin
         range_m = np.linalg.norm(offset, axis=1)
-        radius_m = self._radius_m * (1 + 1e-6) + 1e-9
+        radius_m = self._radius_m * (1 + 1e-6) + 1e-9 + spread_m
         with np.errstate(divide="ignore", invalid="ignore"):
             off_axis_rad = np.arccos(np.clip(offset @ axis / range_m, -1, 1))
             apparent_rad = np.arcsin(np.clip(radius_m / range_m, 0, 1))
         inside = ~(range_m > radius_m)
         return inside | (off_axis_rad <= cone_rad + apparent_rad)
+
+    def _check_data(self, data: mujoco.MjData) -> None:
+        count = len(self._seen)
+        if data.geom_xpos.shape[0] != count:
+            raise NotReady(f"rays: the data hold {data.geom_xpos.shape[0]} geoms, expected {count} (another model?)")
+        rotations = data.geom_xmat.reshape(-1, 9)
+        if not np.all(np.abs(np.einsum("ni,ni->n", rotations, rotations) - 3.0) < 1e-5):
+            raise NotReady("rays: the scene's geoms have no poses yet; call mj_kinematics or mj_forward first")
 
 
 def _tracer(backend: Backend, model: mujoco.MjModel) -> _Tracer:
@@ -122,35 +135,43 @@ def _tracer(backend: Backend, model: mujoco.MjModel) -> _Tracer:
     return EmbreeRays(model)
 
 
-def _check_rays(origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]) -> None:
+def _ball(origin: Origins) -> tuple[Float[np.ndarray, "3"], float]:
+    """Centre and radius of a ball that holds all origins."""
+    if origin.ndim == 1:
+        return origin, 0.0
+    centre = origin.mean(axis=0)
+    return centre, float(np.linalg.norm(origin - centre, axis=1).max())
+
+
+def _check_rays(origin: Origins, directions: Float[np.ndarray, "n 3"]) -> None:
     """Refuse what would end the process (a zero direction) or silently miss (NaN)."""
-    if origin.shape != (3,) or directions.ndim != 2 or directions.shape[1] != 3:
+    if directions.ndim != 2 or directions.shape[1] != 3 or origin.shape not in ((3,), directions.shape):
         raise BadGeometry(
-            f"rays: expected an origin (3,) and directions (n, 3), found {origin.shape}, {directions.shape}"
+            f"rays: expected an origin (3,) or (n, 3) and directions (n, 3), found {origin.shape}, {directions.shape}"
         )
     if not np.all(np.isfinite(origin)):
-        raise BadGeometry(f"rays: expected a finite origin, found {origin.tolist()}")
+        worst = origin if origin.ndim == 1 else origin[~np.isfinite(origin).all(axis=1)][0]
+        raise BadGeometry(f"rays: expected a finite origin, found {worst.tolist()}")
     if not np.all(np.isfinite(directions)):
         raise BadGeometry("rays: expected finite directions, found NaN or infinity")
-    length = np.linalg.norm(directions, axis=1)
+    length = np.sqrt(np.einsum("ni,ni->n", directions, directions))
     if np.any(np.abs(length - 1) > _UNIT_TOLERANCE):
         worst = length[np.argmax(np.abs(length - 1))]
         raise BadGeometry(f"rays: expected directions of unit length, found length {worst:.6g}")
 
 
 def _hits(
-    origin: Float[np.ndarray, "3"],
+    origin: Origins,
     directions: Float[np.ndarray, "n 3"],
-    distance_m: Float[np.ndarray, "n"],
-    normals: Float[np.ndarray, "n 3"],
-    geom_id: Int[np.ndarray, "n"],
+    nearest: NearestHits,
 ) -> RayHits:
-    hit = geom_id >= 0
-    distance_m = np.where(hit, distance_m, np.nan)
+    hit = nearest.geom_id >= 0
+    distance_m = np.where(hit, nearest.distance_m, np.nan)
     return RayHits(
         hit=hit,
         distance_m=distance_m,
         points=origin + distance_m[:, None] * directions,
-        normals=np.where(hit[:, None], normals, np.nan),
-        geom_id=geom_id,
+        normals=np.where(hit[:, None], nearest.normals, np.nan),
+        geom_id=nearest.geom_id,
+        face_id=np.where(hit, nearest.face_id, -1),
     )

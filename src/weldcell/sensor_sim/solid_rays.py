@@ -1,4 +1,4 @@
-"""Rays against MuJoCo's simple solids in closed form, in the frame of the geom.
+"""Rays against MuJoCo's simple solids in closed form, in the frame of the geom; all from one origin or each its own.
 
 A ray crosses a convex solid in one stretch. A box is three slabs, a cylinder is an endless cylinder within a slab: the
 stretches' intersection; a capsule is a cylinder with two balls: from the first entry to the last exit.
@@ -7,6 +7,9 @@ stretches' intersection; a capsule is a cylinder with two balls: from the first 
 import mujoco
 import numpy as np
 from jaxtyping import Float
+
+Origins = Float[np.ndarray, "3"] | Float[np.ndarray, "n 3"]
+"""One origin for all rays, or one for each."""
 
 _Stretch = tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]
 _PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
@@ -22,7 +25,7 @@ SOLIDS = (_PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX)
 
 
 def solid_hits(
-    kind: int, size: Float[np.ndarray, "3"], origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+    kind: int, size: Float[np.ndarray, "3"], origin: Origins, directions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
     """Distances (infinite for a miss) and outward unit normals; from inside, those of the way out.
 
@@ -40,34 +43,32 @@ def solid_hits(
 
 
 def _stretch(
-    kind: int, size: Float[np.ndarray, "3"], origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+    kind: int, size: Float[np.ndarray, "3"], origin: Origins, directions: Float[np.ndarray, "n 3"]
 ) -> _Stretch:
     """Where the rays go in and out (m along the ray, negative behind the origin); the entry is later for a miss."""
     radius_m, half_m = size[0], size[1]
     if kind == _PLANE:
-        distance_m = np.where(directions[:, 2] < 0, -origin[2] / directions[:, 2], -np.inf)
+        distance_m = np.where(directions[:, 2] < 0, -origin[..., 2] / directions[:, 2], -np.inf)
         return distance_m, distance_m
     if kind == _SPHERE:
         return _quadric(np.full(3, 1 / radius_m), origin, directions)
     if kind == _ELLIPSOID:
         return _quadric(1 / size, origin, directions)
     if kind == _BOX:
-        return _common(*(_slab(size[axis], origin[axis], directions[:, axis]) for axis in range(3)))
+        return _common(*(_slab(size[axis], origin[..., axis], directions[:, axis]) for axis in range(3)))
     endless = _quadric(np.array([1 / radius_m, 1 / radius_m, 0.0]), origin, directions)
-    cylinder = _common(endless, _slab(half_m, origin[2], directions[:, 2]))
+    cylinder = _common(endless, _slab(half_m, origin[..., 2], directions[:, 2]))
     if kind == _CYLINDER:
         return cylinder
     ends = (_quadric(np.full(3, 1 / radius_m), origin - [0, 0, z], directions) for z in (half_m, -half_m))
     return _joined(cylinder, *ends)
 
 
-def _quadric(
-    scale: Float[np.ndarray, "3"], origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
-) -> _Stretch:
+def _quadric(scale: Float[np.ndarray, "3"], origin: Origins, directions: Float[np.ndarray, "n 3"]) -> _Stretch:
     """Within |scale * p| <= 1: from the foot of the perpendicular on the ray, so exact from afar too."""
     o, d = scale * origin, scale * directions
     dd = np.einsum("ni,ni->n", d, d)
-    foot = np.where(dd > 0, -(d @ o) / dd, 0)
+    foot = np.where(dd > 0, -np.einsum("ni,ni->n", d, np.broadcast_to(o, d.shape)) / dd, 0)
     beside = o + foot[:, None] * d
     inside = 1 - np.einsum("ni,ni->n", beside, beside)
     half = np.where(inside >= 0, np.sqrt(np.maximum(inside, 0) / dd), -np.inf)
@@ -75,11 +76,11 @@ def _quadric(
     return foot - half, foot + half
 
 
-def _slab(half_m: float, origin: float, directions: Float[np.ndarray, "n"]) -> _Stretch:
+def _slab(half_m: float, origin: Float[np.ndarray, "..."], directions: Float[np.ndarray, "n"]) -> _Stretch:
     """Within |p| <= half along one axis."""
     one, other = (-half_m - origin) / directions, (half_m - origin) / directions
     along = directions == 0
-    endless = np.where(abs(origin) <= half_m, np.inf, -np.inf)
+    endless = np.where(np.abs(origin) <= half_m, np.inf, -np.inf)
     return (
         np.where(along, -endless, np.minimum(one, other)),
         np.where(along, endless, np.maximum(one, other)),

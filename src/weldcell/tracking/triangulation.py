@@ -15,15 +15,17 @@ def triangulate(
     """The stripe's points in the camera frame, one for each stripe point, in the same order.
 
     A point is valid if it lies within `depth_range_m` (least and greatest distance along the camera's axis). Its
-    `sigma_m` is the share along the light (z of the laser frame) of the step that `sigma_px` along the column makes.
+    `sigma_m` is the share along the light (z of the laser frame) of the step that `sigma_px` across the stripe makes.
+    The stripe was cut by columns if depth moves it along them, by rows if depth moves it along those.
     """
     pixels = np.column_stack([stripe.u_px, stripe.v_px])
     rays = camera.unproject(pixels)
     points_camera = plane.intersect(rays)
-    rows_per_y = (camera.project(rays + [0.0, _DIFFERENCE, 0.0])[:, 1] - stripe.v_px) / _DIFFERENCE
+    axis = _depth_axis(plane)
+    pixels_per_step = (camera.project(rays + _DIFFERENCE * np.eye(3)[axis]) - pixels)[:, axis] / _DIFFERENCE
     light = plane.T_camera_laser.rotation.as_matrix()[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        sigma_m = stripe.sigma_px * np.abs((_step_of_y(points_camera, plane) @ light) / rows_per_y)
+        sigma_m = stripe.sigma_px * np.abs((_step_of_ray(points_camera, plane) @ light) / pixels_per_step)
     near, far = depth_range_m
     with np.errstate(invalid="ignore"):
         in_range = (points_camera[:, 2] >= near) & (points_camera[:, 2] <= far)
@@ -46,20 +48,26 @@ def _reason(valid: Bool[np.ndarray, "n"], depth_range_m: tuple[float, float]) ->
 
 
 def noise_slopes(points_laser: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n"]:
-    """dx/dz (laser frame) of the step that a point makes when its stripe centre moves along the picture's column.
+    """dx/dz (laser frame) of the step that a point makes when its stripe centre moves along its column (or row).
 
     Lens distortion turns this direction by less than a degree and is left out.
     """
     T_camera_laser = plane.T_camera_laser
-    step_camera = _step_of_y(T_camera_laser.apply(points_laser), plane)
+    step_camera = _step_of_ray(T_camera_laser.apply(points_laser), plane)
     step_laser = step_camera @ T_camera_laser.rotation.as_matrix()
     return step_laser[:, 0] / step_laser[:, 2]
 
 
-def _step_of_y(points_camera: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n 3"]:
-    """How a point moves in the light plane with the y of its ray (x, y, 1).
+def _step_of_ray(points_camera: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n 3"]:
+    """How a point moves in the light plane with the y of its ray (x, y, 1); with its x where depth moves along that.
 
     From p = s r with s = d / (n.r) follows dp/dy = s (e_y - p n_y / d); s is the point's depth.
     """
-    turned = np.array([0.0, 1.0, 0.0]) - points_camera * (plane.normal_camera[1] / plane.offset_m)
+    axis = _depth_axis(plane)
+    turned = np.eye(3)[axis] - points_camera * (plane.normal_camera[axis] / plane.offset_m)
     return points_camera[:, 2:] * turned
+
+
+def _depth_axis(plane: LaserPlane) -> int:
+    """The picture's axis that depth moves the stripe along: 1 (v) for a stripe along rows, 0 (u) along columns."""
+    return int(np.argmax(np.abs(plane.normal_camera[:2])))

@@ -9,6 +9,7 @@ from eaik.IK_HP import HPRobot
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from weldcell.cell.arm import NominalArm
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.frames import rigid_from
 from weldcell.cell.world.robot_error import JOINTS
@@ -93,3 +94,25 @@ class Controller:
     def _solver(self) -> HPRobot:
         offsets = np.diff(np.vstack([np.zeros(3), self.anchors_base, self.T_base_flange_zero.translation]), axis=0)
         return HPRobot(self.axes_base, offsets)
+
+
+def nominal_arm(controller: Controller, model: mujoco.MjModel) -> NominalArm:
+    """The controller's arm as plain numbers, with the masses that the compiled model hangs on it, tools included."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    links = [int(model.jnt_bodyid[model.joint(f"arm/joint_{k + 1}").id]) for k in range(JOINTS)]
+    masses_kg, moments = np.zeros(JOINTS), np.zeros((JOINTS, 3))
+    for body in range(1, model.nbody):
+        carrier = body
+        while carrier and carrier not in links:
+            carrier = int(model.body_parentid[carrier])
+        if carrier:
+            masses_kg[links.index(carrier)] += model.body_mass[body]
+            moments[links.index(carrier)] += model.body_mass[body] * data.xipos[body]
+    return NominalArm(
+        axes_base=controller.axes_base,
+        anchors_base=controller.anchors_base,
+        T_base_flange_zero=controller.T_base_flange_zero,
+        link_masses_kg=masses_kg,
+        link_centres_base=moments / masses_kg[:, None],
+    )

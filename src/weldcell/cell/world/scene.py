@@ -1,27 +1,27 @@
 """The scene as a compiled MuJoCo model: workshop, arm with torch and sensor, and the parts that can be placed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from weldcell.cell.configuration import CellConfig
+from weldcell.cell.configuration import CellConfig, SensorConfig
 from weldcell.cell.frames import translation
 from weldcell.cell.world.cell import CLEARANCE_M, Cell
 from weldcell.cell.world.controller import Controller
 from weldcell.cell.world.robot_error import JOINTS, RobotError, exact_robot
 from weldcell.models.arm import KR5_ARC, build_arm
+from weldcell.models.board import Board
 from weldcell.models.boss import boss
 from weldcell.models.room import BENCH_TOP_M, build_room
-from weldcell.models.sensor_head import T_FLANGE_CAMERA, build_sensor_head
+from weldcell.models.sensor_head import HeadDesign, build_sensor_head
 from weldcell.models.sphere import sphere_stand
 from weldcell.models.torch import T_FLANGE_TORCH, build_torch
 from weldcell.models.v_groove import v_groove_plate
 from weldcell.models.workpiece import Workpiece
 
-DRAWN_T_FLANGE_CAMERA = T_FLANGE_CAMERA
-DRAWN_T_FLANGE_TORCH = T_FLANGE_TORCH
 HOME_RAD = np.radians([11.7, -75.7, 76.3, -34.4, 96.1, -80.0])
 """A posture with the tool above the table, clear of everything: the arm's usual configuration."""
 
@@ -33,6 +33,7 @@ SHELF = {
 }
 """Where parts stand while they are not in use."""
 
+_AWAY = translation([-1.0, -1.6, 0.1])
 _BODIES = {"sphere": "stand/sphere_stand", "plate": "v_groove_plate", "boss": "boss"}
 
 
@@ -58,19 +59,35 @@ def build_parts(config: CellConfig) -> Parts:
             root_gap_m=1e-3 * seam.root_gap_mm,
             root_face_m=1e-3 * seam.root_face_mm,
             amplitude_m=1e-3 * seam.amplitude_mm,
-        ),
+        ).with_surface(seam.material, seam.texture, seam.tack_spots),
         boss=boss(
             slant_edge_m=1e-3 * block.slant_edge_mm,
             slope_rad=float(np.radians(block.slope_deg)),
             top_m=1e-3 * block.top_mm,
-        ),
+        ).with_surface(block.material, block.texture),
         sphere_radius_m=0.5e-3 * config.calibration.sphere_diameter_mm,
         tip_radius_m=1e-3 * config.calibration.tip_radius_mm,
     )
 
 
-def build_cell(parts: Parts, error: RobotError | None) -> Cell:
-    """The cell with an actual robot; without error the one that the controller knows, which keeps its clearance."""
+def head_design(config: SensorConfig) -> HeadDesign:
+    """The head that holds a configuration's camera and laser where they belong."""
+    stand_off_m, triangulation_rad = 1e-3 * config.working_distance_mm, float(np.radians(config.triangulation_deg))
+    return HeadDesign(
+        stand_off_m=stand_off_m,
+        triangulation_rad=triangulation_rad,
+        laser_range_m=1e-3 * config.laser_range_mm or stand_off_m * float(np.cos(triangulation_rad)),
+        stripe_along=config.stripe_along,
+        look_ahead_m=1e-3 * config.look_ahead_mm,
+        below_tip_m=1e-3 * config.below_tip_mm,
+    )
+
+
+def build_cell(parts: Parts, head: HeadDesign, error: RobotError | None, boards: Sequence[Board] = ()) -> Cell:
+    """The cell with an actual robot; without error the one that the controller knows, which keeps its clearance.
+
+    `boards` lie on the floor behind the arm until they are placed.
+    """
     actual = exact_robot() if error is None else error
     spec = build_room()
     arm = build_arm(KR5_ARC)
@@ -78,7 +95,7 @@ def build_cell(parts: Parts, error: RobotError | None) -> Cell:
     spec.attach(arm, prefix="arm/", frame=spec.worldbody.add_frame())
     for prefix, tool in (
         ("torch/", build_torch(translation(actual.tip_flange_m) * T_FLANGE_TORCH, parts.tip_radius_m)),
-        ("sensor/", build_sensor_head(T_FLANGE_CAMERA * actual.T_camera_mount)),
+        ("sensor/", build_sensor_head(head, head.T_flange_camera * actual.T_camera_mount)),
     ):
         spec.attach(tool, prefix=prefix, site=spec.site("arm/flange"))
     parts.plate.add_to(spec, SHELF["plate"])
@@ -87,10 +104,12 @@ def build_cell(parts: Parts, error: RobotError | None) -> Cell:
     spec.attach(stand, prefix="stand/", frame=spec.worldbody.add_frame(pos=SHELF["sphere"].translation))
     for name in _BODIES.values():
         spec.body(name).mocap = True
+    for board in boards:
+        board.add_to(spec, _AWAY)
     model = spec.compile()
     if error is None:
         model.geom_margin[model.geom_group > 0] = CLEARANCE_M
-    return Cell(model, actual, _BODIES)
+    return Cell(model, actual, _BODIES | {board.name: board.name for board in boards})
 
 
 def build_controller(known_cell: Cell) -> Controller:

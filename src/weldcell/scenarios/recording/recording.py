@@ -107,12 +107,25 @@ class Recording:
             self.log_pose(0, 0.0, start)  # else everything that moves lies at the origin until it does
 
     def log_sensor(
-        self, *, camera: CameraModel, plane: LaserPlane, fan_rad: float, site: str = "sensor/camera"
+        self,
+        *,
+        camera: CameraModel,
+        plane: LaserPlane,
+        source_camera: Float[np.ndarray, "3"],
+        fan_rad: float,
+        site: str = "sensor/camera",
     ) -> None:
         """The camera at a site of the cell (axes as in OpenCV) and its light sheet; they move with the site's body."""
         if self._stream:
             body, T_body_camera = self._motion_log().bodies.site(site)
-            sensor = DrawnSensor(body=body, T_body_camera=T_body_camera, camera=camera, plane=plane, fan_rad=fan_rad)
+            sensor = DrawnSensor(
+                body=body,
+                T_body_camera=T_body_camera,
+                camera=camera,
+                plane=plane,
+                source_camera=source_camera,
+                fan_rad=fan_rad,
+            )
             for entity, what in sensor.drawn():
                 self._stream.keep(entity, what)
             self._drawn_sensor = self._motion_log().sensor = sensor

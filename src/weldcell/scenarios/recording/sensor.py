@@ -28,8 +28,10 @@ class DrawnSensor:
     T_body_camera: RigidTransform
     camera: CameraModel
     plane: LaserPlane
+    source_camera: Float[np.ndarray, "3"]
+    """Where the light's fan starts, m, camera frame."""
     fan_rad: float
-    """Full angle of the light's fan; its apex is the plane's nearest point to the camera's centre."""
+    """Full angle of the light's fan."""
 
     @cached_property
     def T_laser_camera(self) -> RigidTransform:
@@ -76,11 +78,12 @@ class DrawnSensor:
         yield "profile/range", rr.LineStrips2D([outline], colors=palette.FRAME, radii=rr.Radius.ui_points(1.0))
 
     def _sheet_camera(self) -> Float[np.ndarray, "3 3"]:
-        """The light sheet as a triangle, from its apex to the far end of the measuring range."""
-        depth_m = 1e-3 * float(np.nanmax(self.range_mm[:, 1]))
+        """The light sheet as a triangle, from its source to the far end of the measuring range."""
+        source_laser = self.T_laser_camera.apply(self.source_camera)
+        depth_m = 1e-3 * float(np.nanmax(self.range_mm[:, 1])) - source_laser[2]
         half_m = depth_m * np.tan(self.fan_rad / 2)
-        corners_laser = np.array([[0, 0, 0], [-half_m, 0, depth_m], [half_m, 0, depth_m]])
-        return self.plane.T_camera_laser.apply(corners_laser)
+        from_source = np.array([[0, 0, 0], [-half_m, 0, depth_m], [half_m, 0, depth_m]])
+        return self.plane.T_camera_laser.apply(source_laser + from_source)
 
     def _scale_mm(self) -> tuple[list[Float[np.ndarray, "2 2"]], list[str]]:
         """Lines over the measuring range's bounds, each beginning where its label stands."""

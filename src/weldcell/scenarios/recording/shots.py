@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import rerun as rr
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, UInt8, UInt16
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.profile import JointFeatures, Profile, Stripe
@@ -17,19 +17,22 @@ Drawn = Iterator[tuple[str, rr.AsComponents]]
 
 _EVERY_STRIPE_POINT = 12  # of the stripe's centres: dots that leave the stripe itself in sight
 _EVERY_PROFILE_POINT = 2  # of the profile's points, some 0.08 mm apart
+_BITS_TOO_MANY = 4  # of a 12-bit picture for a JPEG
 _CORNER_TO_CENTRE_PX = 0.5  # rerun's pixel (0, 0) is the corner of the top-left pixel, ours its centre
 
 
 def drawn_picture(
-    image: UInt8[np.ndarray, "h w"],
+    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"] | None,
     quality: int,
     stripe: Stripe | None,
     joint: JointFeatures | None,
     sensor: DrawnSensor,
 ) -> Drawn:
-    """The camera's picture as JPEG, with stripe centres and features on top."""
-    encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    yield PICTURE, rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
+    """The camera's picture, if there is one, as JPEG, with stripe centres and features on top."""
+    if image is not None:
+        levels = image if image.dtype == np.uint8 else (image >> _BITS_TOO_MANY).astype(np.uint8)
+        encoded = cv2.imencode(".jpg", levels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        yield PICTURE, rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
     pixels = np.zeros((0, 2)) if stripe is None else np.column_stack([stripe.u_px, stripe.v_px])
     pixels = pixels[::_EVERY_STRIPE_POINT] + _CORNER_TO_CENTRE_PX
     yield f"{PICTURE}/stripe", rr.Points2D(pixels, colors=palette.STRIPE, radii=rr.Radius.ui_points(0.8))

@@ -1,0 +1,1 @@
+"""The light of the weld in the sensor's picture: arc, spatter and fume."""

@@ -1,0 +1,251 @@
+"""Roughly where the stripe runs: a search in the picture shrunk to cells of 4 rows and 2 columns.
+
+A cell averages eight pixels, so the search costs an eighth and sees dimmer stripes than single pixels would show.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Int, Shaped
+
+CELL_ROWS, CELL_COLUMNS = 4, 2
+_SIDE_CELLS = (2, 3, 4)  # sides 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
+_SEARCH_SNR = 6.0  # the largest of 200 000 noise values reaches 4.5 of its own sigma
+_ROUNDING = 1.0  # two averages, each rounded to a level
+_REACH_CELLS = 4  # a stripe's light is looked for in so many cells to either side
+_BACKGROUND_CELLS = (5, 6)  # 20 and 24 px off
+_FIRST_VARIANCE_PX2 = np.float32(16.0)
+_LEAST_VARIANCE_PX2, _MOST_VARIANCE_PX2 = 0.5, 49.0
+_MOST_SHIFT_PX = 8.0
+_CELL_VARIANCE_PX2 = CELL_ROWS**2 / 12
+_NEIGHBOURS = 4  # cell columns on each side that a stripe's place is compared with
+_STEEPEST_CELLS = 1.5  # cells a cell column: 3 px a px
+_LEAST_SUPPORT = 3
+_STEP_CELLS = 4  # a larger step from one cell column to the next parts two pieces
+_LEAST_LONG_CELLS, _LONG_SHARE = 12, 0.5  # pieces that the path runs through: long ones, against the longest
+_BRIDGE_ROUNDS = 3
+_BAND_CELLS = 12  # how far from the path the stripe may run: 48 px
+_UNSHARED_PIXELS = 65536
+_SAMPLE_CELLS = 45  # rows and columns of cells that tell the noise
+QUANTISATION_GREY = float(1 / np.sqrt(12))
+"""Rounding to whole levels: the least noise a picture can have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoughStripe:
+    """One entry for each picture column in which something stands out."""
+
+    columns: Int[np.ndarray, "n"]
+    centre_px: Float32[np.ndarray, "n"]
+    """Row, right to a pixel or two."""
+    variance_px2: Float32[np.ndarray, "n"]
+    """Square of the stripe's sigma along the column."""
+    background_grey: Float32[np.ndarray, "n"]
+    """Level of the background at the stripe."""
+    background_slope: Float32[np.ndarray, "n"]
+    """Its rise with the row, in grey levels a pixel."""
+    background_step: Float32[np.ndarray, "n"]
+    """Background below the stripe minus background above it, grey levels."""
+
+
+_OFFSET = np.arange(-max(_BACKGROUND_CELLS), max(_BACKGROUND_CELLS) + 2)[:, None]
+_AWAY_PX = ((_OFFSET[:, 0] - 0.5) * CELL_ROWS).astype(np.float32)
+_FIRST_WEIGHT = np.exp(-0.5 * _AWAY_PX**2 / _FIRST_VARIANCE_PX2) * (np.abs(_AWAY_PX) < (_REACH_CELLS + 1) * CELL_ROWS)
+_MOMENTS = np.stack([_FIRST_WEIGHT, _FIRST_WEIGHT * _AWAY_PX, _FIRST_WEIGHT * _AWAY_PX**2])  # order 0, 1 and 2
+_MOMENTS_OF_LEVEL, _MOMENTS_OF_SLOPE = _MOMENTS.sum(axis=1)[:, None], (_MOMENTS @ _AWAY_PX)[:, None]
+
+BACKGROUND_APART_PX = CELL_ROWS * (sum(_BACKGROUND_CELLS) + 1.0)
+"""From the middle of the background above to the middle of that below."""
+LEVEL_BIAS = 0.2
+"""How far the background's level lies below its mean, as a share of a pixel's noise: the darker of two cells."""
+STEP_NOISE = 0.3
+"""Standard deviation of the background's step, as a share of a pixel's noise (medians of five such values)."""
+
+
+def search(image: Shaped[np.ndarray, "height width"]) -> RoughStripe | None:
+    """Columns in which a place stands out against *both* its sides; None if there are none.
+
+    An edge of the ambient picture is as bright as one of its sides, so it does not stand out.
+    """
+    cells = _shrunk(image)
+    if min(cells.shape) < 2:
+        return None
+    cores = _mean(cells[:-1], cells[1:])
+    response = cv2.subtract(cores, _brightest_side(cores))
+    threshold = _ROUNDING + _SEARCH_SNR / np.sqrt(2) * cell_noise(cells)
+    cell_rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
+    if np.abs(np.diff(cell_rows)).max(initial=0) > _STEP_CELLS:
+        cell_rows = _steadied(response, cell_rows)
+        for _ in range(_BRIDGE_ROUNDS):  # each makes the long pieces longer
+            cell_rows = _bridged(response, cell_rows, threshold)
+    height = response.ravel().take(cell_rows * response.shape[1] + np.arange(response.shape[1]))
+    found = np.flatnonzero(height > threshold)
+    return _measured(cells, cell_rows[found], found) if len(found) else None
+
+
+def _brightest_side(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows k"]:
+    """The brightest place beside each one: so near that a bright patch is beside itself, and not a stripe."""
+    reach, count = max(_SIDE_CELLS), len(cores)
+    padded = cv2.copyMakeBorder(cores, reach, reach, 0, 0, cv2.BORDER_REPLICATE)
+    brightest = cv2.max(padded[:count], padded[2 * reach :])
+    for step in _SIDE_CELLS[:-1]:
+        for shift in (reach - step, reach + step):
+            cv2.max(brightest, padded[shift : shift + count], dst=brightest)
+    return brightest
+
+
+def picked(
+    image: Shaped[np.ndarray, "height width"],
+    rows: Int[np.ndarray, "n"],
+    offset: Int[np.ndarray, "rows 1"],
+    columns: Int[np.ndarray, "n"],
+) -> Float32[np.ndarray, "rows n"]:
+    """The values at rows + offset of these columns; beyond the picture's edge, those at the edge."""
+    height, width = image.shape
+    if rows.min() + offset[0, 0] < 0 or rows.max() + offset[-1, 0] >= height:
+        index = np.clip(rows + offset, 0, height - 1) * width + columns
+    else:
+        index = (rows * width + columns) + offset * width
+    return image.ravel().take(index).astype(np.float32)
+
+
+def cell_noise(cells: Shaped[np.ndarray, "rows columns"]) -> float:
+    """Standard deviation of a cell (grey levels), from differences of neighbouring rows without the large ones."""
+    step_rows, step_columns = (max(1, size // _SAMPLE_CELLS) for size in cells.shape)
+    upper = cells[:-1:step_rows, ::step_columns].astype(np.float32)
+    differences = np.abs(cells[1::step_rows, ::step_columns] - upper).ravel()
+    spread = np.inf
+    for _ in range(3):
+        differences = differences[differences <= max(2.8 * spread, 1.5)]
+        if len(differences) == 0:
+            return QUANTISATION_GREY
+        spread = float(np.sqrt(differences @ differences / len(differences)))
+    return spread / np.sqrt(2)
+
+
+def _steadied(response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
+    """The row in each cell column; where the brightest one stands alone, the next brightest if neighbours agree.
+
+    A drop of spatter outshines the stripe, but not in many columns at the same height.
+    """
+    support = _support(rows, rows, np.arange(len(rows)))
+    alone = np.flatnonzero(support < _LEAST_SUPPORT)
+    if len(alone) == 0:
+        return rows
+    others = response[:, alone].astype(np.int32)
+    others[np.abs(np.arange(len(others))[:, None] - rows[alone]) <= max(_SIDE_CELLS)] = -1
+    second = others.argmax(axis=0)
+    better = _support(rows, second, alone) > support[alone]
+    steadied = rows.copy()
+    steadied[alone[better]] = second[better]
+    return steadied
+
+
+def _bridged(
+    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], threshold: float
+) -> Int[np.ndarray, "k"]:
+    """The rows with short pieces taken back to the path between the long ones, where something is seen there.
+
+    A streak of spatter is a short piece that outshines the stripe; a groove's bottom is one too, but then there is
+    nothing on the path above it.
+    """
+    seen = response.ravel().take(rows * response.shape[1] + np.arange(len(rows))) > threshold
+    broken = (np.abs(np.diff(rows)) > _STEP_CELLS) | ~seen[1:] | ~seen[:-1]
+    piece = np.append(0, np.cumsum(broken))
+    length = np.bincount(piece)[piece]
+    long = seen & (length >= max(_LEAST_LONG_CELLS, _LONG_SHARE * length.max()))
+    doubtful = np.flatnonzero(~long)
+    if not long.any() or len(doubtful) == 0:
+        return rows
+    path = np.interp(doubtful, np.flatnonzero(long), rows[long])
+    step = np.arange(-_BAND_CELLS, _BAND_CELLS + 1)[:, None]
+    near = np.rint(path).astype(np.int64) + step
+    nearby = response[np.clip(near, 0, len(response) - 1), doubtful]
+    best = (nearby * (_BAND_CELLS + 1.0 - np.abs(step))).argmax(axis=0)  # the closer, the likelier
+    bright = nearby[best, np.arange(len(doubtful))] > threshold
+    bridged = rows.copy()
+    bridged[doubtful[bright]] = np.clip(near[best, np.arange(len(doubtful))], 0, len(response) - 1)[bright]
+    return bridged
+
+
+def _support(
+    rows: Int[np.ndarray, "k"], candidates: Int[np.ndarray, "m"], at: Int[np.ndarray, "m"]
+) -> Int[np.ndarray, "m"]:
+    """How many of the neighbouring cell columns hold a place that one stripe could join with the candidate's."""
+    padded = np.pad(rows, _NEIGHBOURS, constant_values=-1_000_000)
+    counts = np.zeros(len(at), np.int64)
+    for step in range(1, _NEIGHBOURS + 1):
+        for side in (-step, step):
+            counts += np.abs(padded[at + _NEIGHBOURS + side] - candidates) <= 1 + _STEEPEST_CELLS * step
+    return counts
+
+
+def _measured(
+    cells: Shaped[np.ndarray, "rows columns"], first: Int[np.ndarray, "k"], found: Int[np.ndarray, "k"]
+) -> RoughStripe:
+    """Centre, width and background in cell columns `found`, about the cells `first` and the next one."""
+    grey = picked(cells, first, _OFFSET, found)
+    near, far = _BACKGROUND_CELLS
+    # The darker of two cells, so that no reflection counts; then the median of neighbours, against noise.
+    above = cv2.medianBlur(np.minimum(grey[:1], grey[far - near]), 5)[0]
+    below = cv2.medianBlur(np.minimum(grey[-1:], grey[-1 - far + near]), 5)[0]
+    step = below - above
+    middle, slope = (above + below) / 2, step / np.float32(BACKGROUND_APART_PX)
+    moments = _MOMENTS @ grey - _MOMENTS_OF_LEVEL * middle - _MOMENTS_OF_SLOPE * slope
+    centre, variance = adapted(np.float32(0), _FIRST_VARIANCE_PX2, *moments)
+    by_cell = np.empty((5, len(found), CELL_COLUMNS), np.float32)
+    by_cell[0] = ((first + 1) * CELL_ROWS - 0.5 + centre)[:, None]
+    by_cell[1] = np.maximum(variance - _CELL_VARIANCE_PX2, _LEAST_VARIANCE_PX2)[:, None]
+    by_cell[2], by_cell[3], by_cell[4] = (middle + slope * centre)[:, None], slope[:, None], step[:, None]
+    centre_px, variance_px2, background_grey, background_slope, background_step = by_cell.reshape(5, -1)
+    return RoughStripe(
+        columns=(CELL_COLUMNS * found[:, None] + np.arange(CELL_COLUMNS)).ravel(),
+        centre_px=centre_px,
+        variance_px2=variance_px2,
+        background_grey=background_grey,
+        background_slope=background_slope,
+        background_step=background_step,
+    )
+
+
+def adapted(
+    centre: Float32[np.ndarray, "*n"] | np.float32,
+    weight_variance: Float32[np.ndarray, "n"] | np.float32,
+    total: Float32[np.ndarray, "n"],
+    shift: Float32[np.ndarray, "n"],
+    second: Float32[np.ndarray, "n"],
+) -> tuple[Float32[np.ndarray, "n"], Float32[np.ndarray, "n"]]:
+    """Centre and variance of a Gaussian stripe, from its moments under a Gaussian weight about `centre`.
+
+    Their product is a Gaussian of variance q with 1/q = 1/V + 1/W, whose mean lies the share q/V of the way from the
+    weight's centre to the stripe's.
+    """
+    total = np.maximum(total, 1e-3)
+    mean = shift / total
+    q = np.maximum(second / total - mean * mean, 0.05)
+    variance = 1 / np.maximum(1 / q - 1 / weight_variance, 1 / _MOST_VARIANCE_PX2)
+    return centre + np.clip(mean * variance / q, -_MOST_SHIFT_PX, _MOST_SHIFT_PX), variance
+
+
+def _shrunk(image: Shaped[np.ndarray, "height width"]) -> Shaped[np.ndarray, "rows columns"]:
+    """Means of cells of 4 rows and 2 columns; what is left over at the lower and right edges is not in them."""
+    rows, columns = image.shape[0] // CELL_ROWS, image.shape[1] // CELL_COLUMNS
+    if rows == 0 or columns == 0:
+        return np.zeros((0, 0), image.dtype)
+    pairs = np.empty((2 * rows, columns), image.dtype)
+    band = max(1, _UNSHARED_PIXELS // columns)
+    for top in range(0, 2 * rows, band):  # OpenCV shares larger pictures out, and waits
+        bottom = min(top + band, 2 * rows)
+        piece = image[2 * top : 2 * bottom, : columns * CELL_COLUMNS]
+        cv2.resize(piece, (columns, bottom - top), dst=pairs[top:bottom], interpolation=cv2.INTER_AREA)
+    return _mean(pairs[0::2], pairs[1::2])
+
+
+def _mean(first: Shaped[np.ndarray, "rows columns"], second: Shaped[np.ndarray, "rows columns"]) -> np.ndarray:
+    """The mean of two whole numbers, rounded down, without leaving their type (Warren, Hacker's Delight, 2-5)."""
+    half_difference = first ^ second
+    half_difference >>= 1
+    mean = first & second
+    mean += half_difference
+    return mean
