@@ -13,7 +13,7 @@ from weldcell.cell.errors import BadInput
 from weldcell.cell.frames import difference, rigid_from
 
 
-def problem(rng, count=8, sigma_px=0.0, camera=CAMERA, lens="plain", poses=None):
+def problem(rng, count=8, sigma_px=0.0, camera=CAMERA, lens="plain", poses=None, hold_out=False):
     poses = board_poses(rng, count) if poses is None else poses
     return CameraProblem(
         width_px=camera.width_px,
@@ -21,6 +21,7 @@ def problem(rng, count=8, sigma_px=0.0, camera=CAMERA, lens="plain", poses=None)
         corners=corners(rng, poses, sigma_px, camera),
         sigma_px=max(sigma_px, 0.01),
         lens=lens,
+        hold_out=hold_out,
     )
 
 
@@ -58,7 +59,7 @@ def test_predicted_spread_of_the_intrinsics_is_what_noise_makes():
 
 
 def test_held_out_error_is_near_the_noise():
-    result = solve(problem(np.random.default_rng(5), count=10, sigma_px=0.1))
+    result = solve(problem(np.random.default_rng(5), count=10, sigma_px=0.1, hold_out=True))
     # two axes of 0.1 px make 0.14 px; the left-out boards' own poses add a little
     assert 0.13 < result.held_out_rms_px < 0.19
 

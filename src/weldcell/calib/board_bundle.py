@@ -43,7 +43,7 @@ INTRINSICS = (
 _POSE = 6
 _PLANE = 3
 _POSE_STEPS = 6
-_STEP = 1e-6  # of a parameter's unit; central differences
+_STEP = 1e-6  # of a parameter's unit, for differences
 _PIXEL_STEP = 0.5  # px, for the direction across the stripe
 
 
@@ -80,6 +80,10 @@ class Arrangement:
     """None where no stripe is seen."""
 
 
+_State = tuple[CameraModel, LaserPlane | None, Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]
+"""Camera, plane, and the boards' rotations and origins in the camera frame."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Adjusted:
     """The arrangement that explains corners and stripe best."""
@@ -113,7 +117,7 @@ def adjust(
     problem = _Bundle(start, corners, stripe, tuple(free), corner_sigma_px, square_pixels)
     found = fit(problem.model, np.zeros(problem.size), robust=robust)
     arrangement = problem.arrangement(found.parameters)
-    corner_px, stripe_px = problem.residuals_px(arrangement)
+    corner_px, stripe_px = problem.residuals_px(found.parameters)
     return Adjusted(
         arrangement=arrangement,
         fit=found,
@@ -127,7 +131,8 @@ def stripe_points_camera(
     pixels: Float[np.ndarray, "n 2"], picture: Int[np.ndarray, "n"], camera: CameraModel, T_camera_board: RigidTransform
 ) -> Float[np.ndarray, "n 3"]:
     """Where the rays of pixels meet the board of their picture (m); NaN where they never do."""
-    return _on_board(camera.unproject(pixels), picture, T_camera_board.as_matrix())
+    T = T_camera_board.as_matrix()
+    return _on_board(camera.unproject(pixels), picture, T[:, :3, 2], T[:, :3, 3])
 
 
 def with_intrinsics(camera: CameraModel, names: Sequence[str], values: Float[np.ndarray, "p"]) -> CameraModel:
@@ -210,12 +215,21 @@ class _Bundle:
         self.size = self._globals + _POSE * self._boards
         pictures = corners.picture if self._stripe is None else np.concatenate([corners.picture, self._stripe.picture])
         self._picture = pictures
+        self._rotations = start.T_camera_board.rotation.as_matrix()
+        self._origins = start.T_camera_board.translation
         self._kept_rays: tuple[bytes, np.ndarray] = (b"", np.empty(0))
         if self._stripe is not None and start.plane is not None:
             self._across = across(self._stripe.pixels, start.camera, start.plane)
 
     def arrangement(self, parameters: Float[np.ndarray, "p"]) -> Arrangement:
         """What parameters, counted from the start, stand for."""
+        camera, plane, rotations, origins = self._state(parameters)
+        return Arrangement(
+            camera=camera, T_camera_board=rigid_from(Rotation.from_matrix(rotations), origins), plane=plane
+        )
+
+    def _state(self, parameters: Float[np.ndarray, "p"]) -> _State:
+        """The same as plain arrays: a rigid transform takes longer to build than the residuals take to compute."""
         start, count = self._start, len(self._free)
         values = intrinsics_of(start.camera)[[INTRINSICS.index(name) for name in self._free]] + parameters[:count]
         camera = with_intrinsics(start.camera, self._free, values)
@@ -226,22 +240,27 @@ class _Bundle:
         if self._stripe is not None and plane is not None:
             plane = tilted(plane, parameters[count : count + 2], float(parameters[count + 2]))
         moves = parameters[self._globals :].reshape(-1, _POSE)
-        rotation = Rotation.from_rotvec(moves[:, :3]) * start.T_camera_board.rotation
-        poses = rigid_from(rotation, start.T_camera_board.translation + moves[:, 3:])
-        return Arrangement(camera=camera, T_camera_board=poses, plane=plane)
+        rotations = Rotation.from_rotvec(moves[:, :3]).as_matrix() @ self._rotations
+        return camera, plane, rotations, self._origins + moves[:, 3:]
 
-    def residuals_px(self, at: Arrangement) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "m"]]:
+    def residuals_px(
+        self, parameters: Float[np.ndarray, "p"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "m"]]:
         """Found minus expected corners, and stripe points' distances across the stripe."""
-        T = at.T_camera_board.as_matrix()
-        own = T[self._corners.picture]
-        points_camera = np.einsum("nij,nj->ni", own[:, :3, :3], self._corners.points_board) + own[:, :3, 3]
-        corner_px = self._corners.pixels - at.camera.project(points_camera)
-        if self._stripe is None or at.plane is None:
+        return self._residuals_px(*self._state(parameters))
+
+    def _residuals_px(
+        self, camera: CameraModel, plane: LaserPlane | None, rotations: np.ndarray, origins: np.ndarray
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "m"]]:
+        board = self._corners.picture
+        points_camera = np.einsum("nij,nj->ni", rotations[board], self._corners.points_board) + origins[board]
+        corner_px = self._corners.pixels - camera.project(points_camera)
+        if self._stripe is None or plane is None:
             return corner_px, np.zeros(0)
         pixels, picture = self._stripe.pixels, self._stripe.picture
         shifted = np.stack([pixels, pixels - _PIXEL_STEP * self._across, pixels + _PIXEL_STEP * self._across])
-        rays = self._rays(at.camera, shifted)
-        here, before, after = (at.plane.distance_m(_on_board(ray, picture, T)) for ray in rays)
+        rays = self._rays(camera, shifted)
+        here, before, after = (plane.distance_m(_on_board(ray, picture, rotations[:, :, 2], origins)) for ray in rays)
         return corner_px, here / (after - before) * (2 * _PIXEL_STEP)
 
     def _rays(self, camera: CameraModel, pixels: Float[np.ndarray, "3 m 2"]) -> Float[np.ndarray, "3 m 3"]:
@@ -253,23 +272,21 @@ class _Bundle:
 
     def model(self, parameters: Float[np.ndarray, "p"]) -> tuple[np.ndarray, np.ndarray]:
         """Whitened residuals, two components each (a stripe point has one, the other is 0), and derivatives."""
+        here = self._whitened(parameters)
         jacobian = np.zeros((len(self._picture), 2, self.size))
         for k in range(self._globals):
             step = np.zeros(self.size)
             step[k] = _STEP * self._scales[k] if k < len(self._free) else _STEP
-            jacobian[:, :, k] = self._difference(parameters, step, step[k])
+            jacobian[:, :, k] = (self._whitened(parameters + step) - here) / step[k]
         columns = self._globals + _POSE * self._picture
         for k in range(_POSE):
             step = np.zeros(self.size)
             step[self._globals + k :: _POSE] = _STEP
-            jacobian[np.arange(len(columns)), :, columns + k] = self._difference(parameters, step, _STEP)
-        return self._whitened(parameters), jacobian
-
-    def _difference(self, parameters: np.ndarray, step: np.ndarray, length: float) -> Float[np.ndarray, "n 2"]:
-        return (self._whitened(parameters + step) - self._whitened(parameters - step)) / (2 * length)
+            jacobian[np.arange(len(columns)), :, columns + k] = (self._whitened(parameters + step) - here) / _STEP
+        return here, jacobian
 
     def _whitened(self, parameters: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n 2"]:
-        corner_px, stripe_px = self.residuals_px(self.arrangement(parameters))
+        corner_px, stripe_px = self._residuals_px(*self._state(parameters))
         rows = corner_px / self._corner_sigma_px
         if self._stripe is not None:
             single = np.column_stack([stripe_px / self._stripe.sigma_px, np.zeros(len(stripe_px))])
@@ -283,9 +300,11 @@ def _intrinsic_scales(camera: CameraModel, names: Sequence[str]) -> Float[np.nda
 
 
 def _on_board(
-    rays: Float[np.ndarray, "n 3"], picture: Int[np.ndarray, "n"], T_camera_board: Float[np.ndarray, "k 4 4"]
+    rays: Float[np.ndarray, "n 3"],
+    picture: Int[np.ndarray, "n"],
+    normals: Float[np.ndarray, "k 3"],
+    origins: Float[np.ndarray, "k 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    normals, origins = T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]
     offsets = np.einsum("ki,ki->k", normals, origins)
     slope = np.einsum("ni,ni->n", rays, normals[picture])
     with np.errstate(divide="ignore", invalid="ignore"):

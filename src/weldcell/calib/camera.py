@@ -64,6 +64,8 @@ class CameraProblem:
     """Whether the picture's plane may be tilted against the lens."""
     sigma_px: float = 0.1
     """Standard deviation of a corner along each axis; the covariance grows if the residuals are larger."""
+    hold_out: bool = True
+    """Judge the result on pictures left out of the fit (five more fits)."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
@@ -91,7 +93,7 @@ class CameraResult:
     rms_px: float
     """Root mean square distance of corners in the fit."""
     held_out_rms_px: float
-    """The same for pictures that were left out of the intrinsics' fit; NaN with too few pictures."""
+    """The same for pictures that were left out of the intrinsics' fit; NaN with too few pictures, or none held out."""
     picture_rms_px: Float[np.ndarray, "k"]
     outlying: tuple[int, ...]
     """Pictures that miss by far more than the others."""
@@ -222,7 +224,7 @@ def _start(problem: CameraProblem, tau_x: float, tau_y: float) -> Arrangement:
 
 def _held_out_rms_px(problem: CameraProblem, start: Arrangement) -> float:
     """Reprojection error of left-out pictures: their board is posed by half its corners, the other half is judged."""
-    if len(start.T_camera_board) < _FEWEST_PICTURES + _FOLDS - 1:
+    if not problem.hold_out or len(start.T_camera_board) < _FEWEST_PICTURES + _FOLDS - 1:
         return float("nan")
     corners, squares = problem.corners, []
     for fold in range(_FOLDS):

@@ -20,7 +20,7 @@ Model = Callable[[Float[np.ndarray, "p"]], tuple[Residuals, Jacobian]]
 
 _LOSS_SIGMAS = 3.0  # beyond this a residual pulls with constant force
 _TOLERANCE = 1e-15  # to solver precision
-_MOST_EVALUATIONS = 300  # an answer that the data hold takes some tens
+_MOST_EVALUATIONS = 200  # an answer that the data hold takes some tens
 _SINGULAR = 1e-12  # relative singular value below which no covariance exists
 
 
