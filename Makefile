@@ -18,8 +18,9 @@ setup:
 run: setup
 	.venv/bin/weldcell run commission --overwrite $(ARGS)
 
+# One process for each core: the linear algebra's own threads would only wait for each other.
 test: setup
-	$(PYTHON) -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile $(ARGS)
+	OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile $(ARGS)
 
 check: setup
 	.venv/bin/ruff format --check

@@ -8,10 +8,10 @@ from scipy.spatial.transform import RigidTransform
 
 from weldcell.calib import compensation, hand_eye, touches
 from weldcell.calib.joint_estimate import JointResult
-from weldcell.cell.errors import JobFailed
+from weldcell.cell.errors import BadInput, JobFailed
 from weldcell.cell.frames import difference
 from weldcell.scenarios.alignment import Alignment
-from weldcell.scenarios.joint_setup import estimate_jointly
+from weldcell.scenarios.joint_setup import SphereData, estimate_jointly
 from weldcell.scenarios.sphere_sights import (
     CALIBRATING,
     SphereSight,
@@ -64,6 +64,8 @@ class SensorSetup:
 def set_up_sensor(station: Station) -> SensorSetup:
     """Ten translations and ten free views of the sphere, sixty touches, and what follows from them."""
     plan = station.config.calibration
+    if any(plan.second_sphere_mm) and station.config.method != "joint":
+        raise BadInput("calibration.second_sphere_mm: a second sphere needs --method joint")
     sights, translations = _see_sphere(station)
     first = _first_solution(sights, translations)
     station.begin("touches", "Touches with the torch")
@@ -75,7 +77,11 @@ def set_up_sensor(station: Station) -> SensorSetup:
     p2 = Alignment(T_flange_camera=compensated.T_flange_camera, tip_flange=touched.tip_flange)
     joint, alignments = None, {"before": before, "after": p2}
     if station.config.method == "joint":
-        joint = estimate_jointly(station, sights, touches_rad, compensated.T_flange_camera)
+        spheres, bar_m = [SphereData(sights=sights, touches_rad=touches_rad)], None
+        if any(plan.second_sphere_mm):
+            bar_m = 1e-3 * float(np.linalg.norm(plan.second_sphere_mm))
+            spheres.append(_second_sphere(station, touched.centre_base, bar_m))
+        joint = estimate_jointly(station, spheres, compensated.T_flange_camera, bar_m)
         _require(joint.verdict, joint.reasons, "joint estimate")
         alignments = {"before": before, "p2": p2, "after": _joint_alignment(joint)}
     return SensorSetup(
@@ -105,6 +111,21 @@ def _see_sphere(station: Station) -> tuple[list[SphereSight], int]:
             f"{plan.free_poses} free poses, expected at least {_FEWEST_SIGHTS} each"
         )
     return sights, translations
+
+
+def _second_sphere(station: Station, first_base: Float[np.ndarray, "3"], bar_m: float) -> SphereData:
+    """Free views and touches of a second sphere on a bar with the first, which stands where `first_base` found it."""
+    plan = station.config.calibration
+    first_actual_base = station.cell.T_base_part("sphere").translation
+    known_base = first_base + 1e-3 * np.array(plan.second_sphere_mm)
+    station.begin("second sphere", "The second sphere of the bar")
+    station.place_sphere(known_base, stage="second sphere", bar=(first_actual_base, bar_m))
+    postures = plan_free(station, known_base, plan.free_poses, CALIBRATING, "second sphere")
+    sights = take_sights(station, postures, station.head.T_flange_camera, "second sphere", "second sphere: free poses")
+    if len(sights) < _FEWEST_SIGHTS:
+        raise JobFailed(f"second sphere: found in {len(sights)} views, expected at least {_FEWEST_SIGHTS}")
+    touches_rad = touch_sphere(station, known_base, _flanges(sights).rotation, plan.touches, "second touch")
+    return SphereData(sights=sights, touches_rad=touches_rad)
 
 
 def _first_solution(sights: list[SphereSight], translations: int) -> hand_eye.HandEyeResult:

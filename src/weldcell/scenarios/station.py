@@ -103,9 +103,17 @@ class Station:
         """The flange's orientation that gives the torch the one of `torch_rotation`."""
         return torch_rotation(heading_rad, tilt_rad, tilt_towards_rad) * T_FLANGE_TORCH.rotation.inv()
 
-    def place_sphere(self, known_base: Float[np.ndarray, "3"], stage: str) -> None:
-        """Puts the sphere where the controller is told it is, and actually a little off."""
+    def place_sphere(
+        self, known_base: Float[np.ndarray, "3"], stage: str, bar: tuple[Float[np.ndarray, "3"], float] | None = None
+    ) -> None:
+        """Puts the sphere where the controller is told it is, and actually a little off.
+
+        On a `bar` it actually stands at this distance (m) from another sphere's actual centre.
+        """
         off_m = generator(self.seed, f"{stage}/sphere").normal(size=3) * _SPHERE_MISPLACEMENT_M
+        if bar is not None:
+            way_m = known_base + off_m - bar[0]
+            off_m = bar[0] + bar[1] * way_m / np.linalg.norm(way_m) - known_base
         self._place("sphere", translation(known_base), translation(off_m))
 
     def place_plate(self) -> None:

@@ -23,7 +23,7 @@ _CONTACT_M = 1e-9  # how closely the contact is resolved
 
 
 def touch_sphere(
-    station: Station, centre_base: Float[np.ndarray, "3"], orientations: Rotation, count: int
+    station: Station, centre_base: Float[np.ndarray, "3"], orientations: Rotation, count: int, stage: str = "touch"
 ) -> Float[np.ndarray, "count 6"]:
     """The joint readings at touches all round the upper sphere.
 
@@ -32,9 +32,9 @@ def touch_sphere(
     """
     readings = []
     for index in station.progress.track(range(count), "touch the sphere"):
-        rng = generator(station.seed, "touch/plan", index)
+        rng = generator(station.seed, f"{stage}/plan", index)
         approach = _approach(station, centre_base, orientations[index % len(orientations)], rng)
-        readings.append(_touch(station, approach, index))
+        readings.append(_touch(station, approach, stage, index))
     return np.array(readings)
 
 
@@ -85,7 +85,7 @@ def _outward(rng: np.random.Generator) -> Float[np.ndarray, "3"]:
     return np.array([side * np.cos(turn), side * np.sin(turn), up])
 
 
-def _touch(station: Station, approach: _Approach, index: int) -> Float[np.ndarray, "6"]:
+def _touch(station: Station, approach: _Approach, stage: str, index: int) -> Float[np.ndarray, "6"]:
     """The joint readings at which the actual tip meets the actual sphere."""
     station.go(approach.joints_rad)
 
@@ -93,7 +93,7 @@ def _touch(station: Station, approach: _Approach, index: int) -> Float[np.ndarra
         return station.controller.inverse(approach.flange(station, travel_m), approach.joints_rad)
 
     def gap_m(travel_m: float) -> float:
-        station.cell.take(readings(travel_m), generator(station.seed, "touch/pose", index))
+        station.cell.take(readings(travel_m), generator(station.seed, f"{stage}/pose", index))
         return station.gap_to_sphere_m()
 
     reach_m = _STANDOFF_M + _OVERTRAVEL_M

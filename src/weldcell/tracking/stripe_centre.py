@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
+from weldcell.tracking.stripe_noise import Spread, excess_noise, noise_near
 from weldcell.tracking.stripe_search import (
     BACKGROUND_APART_PX,
     LEVEL_BIAS,
@@ -31,8 +32,6 @@ from weldcell.tracking.stripe_search import (
     picked,
 )
 
-DEFAULT_SPECKLE_CONTRAST = 0.45
-"""Taken where a picture has too few columns to measure its own."""
 _STRIPE_SIGMA_PX = (0.6, 5.5)  # narrower is a hot pixel, wider a patch of ambient light
 _WINDOW_SIGMAS = 2.7  # half of a flat window: 0.7 % of the light lies further out
 _LEAST_K = np.float32(np.exp(-(_WINDOW_SIGMAS**2) / 2))  # the weight falls to a half at the window's edge
@@ -40,18 +39,12 @@ _MOST_K = np.float32(1e3)
 _NARROWEST_WEIGHT_PX2 = np.float32(0.7)  # narrower weights feel the pixels' grid
 _START_SLACK_PX = 3  # how far the search may be off
 _SIGNAL_SNR = 8.0
-_NOISE_ROWS = np.concatenate([np.arange(-26, -16), np.arange(17, 27)])[:, None]
 _FARTHEST_PX = 6.0
 _LEAST_EXPONENT = -30.0  # numbers that are not normal are slow
 _LEAST_LIGHT = np.float32(1e-3)
 _START_PX2 = np.float32(4.0)
-_NOISE_STEP = 8  # every eighth column tells enough
-_NOISE_BLOCK = 20
 _PIECE_GAP_PX = 3
 _SHORTEST_PIECE = 5
-_ROUGHNESS_STEP = 4  # columns; wider apart than the speckle's grain
-_ROUGHNESS_FEWEST = 60
-_CHI2_MEDIAN = 0.4549  # of one degree of freedom
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,11 +68,11 @@ def measure(
     good = _is_clear(windows, gaussian, centre, variance, image.shape[0])
     good[good] = _in_long_piece(rough.columns[good], (windows.row + centre)[good], variance[good])
     spread = _spread(windows, gaussian, variance)
-    excess = _excess(rough.columns, windows.row + centre, spread, good, speckle_contrast)
+    excess = excess_noise(rough.columns, windows.row + centre, spread, good, speckle_contrast)
     weighted = _weighted(windows, centre, variance, _flatness(windows, gaussian, variance, excess))
     centre = centre + _newton_step(windows, weighted, variance)
     spread = _spread(windows, weighted, variance)
-    excess = _excess(rough.columns, windows.row + centre, spread, good, speckle_contrast)
+    excess = excess_noise(rough.columns, windows.row + centre, spread, good, speckle_contrast)
     noise_variance = spread.noise_variance + _background_variance(windows, weighted, variance)
     sigma_px = np.sqrt(noise_variance + np.float32(excess) * spread.own_variance)
     good &= sigma_px < np.sqrt(variance)  # a centre less sure than the stripe is wide tells nothing
@@ -124,16 +117,6 @@ class _Weighted:
     """Sum of x^2 times light; positive."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Spread:
-    """What a centre scatters by."""
-
-    noise_variance: Float32[np.ndarray, "n"]
-    """By the background's noise."""
-    own_variance: Float32[np.ndarray, "n"]
-    """By a noise as large as the stripe's light itself: speckle of contrast 1."""
-
-
 def _cut(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -> _Windows:
     among = len(rough.columns) * 99 // 100  # a few patches must not widen the windows of all
     widest = np.sqrt(np.partition(rough.variance_px2, among)[among])
@@ -141,7 +124,7 @@ def _cut(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -> _Wind
     row = np.rint(rough.centre_px)
     rows, offset = row.astype(np.int64), np.arange(-half, half + 1)[:, None]
     powers = offset.astype(np.float32) ** np.arange(3, dtype=np.float32)
-    noise_grey = _noise_near(image, rows, rough.columns)
+    noise_grey = noise_near(image, rows, rough.columns)
     background = np.empty((2, len(row)), np.float32)
     background[0] = rough.background_grey + LEVEL_BIAS * noise_grey + rough.background_slope * (row - rough.centre_px)
     background[1] = rough.background_slope
@@ -154,25 +137,6 @@ def _cut(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -> _Wind
         noise_grey=noise_grey,
         background_step=rough.background_step,
     )
-
-
-def _noise_near(
-    image: Shaped[np.ndarray, "height width"], row: Int[np.ndarray, "n"], columns: Int[np.ndarray, "n"]
-) -> Float32[np.ndarray, "n"]:
-    """Standard deviation of the background on both sides, as the median over blocks of columns.
-
-    A slope of the background has no part in differences of neighbours; those of white noise have twice its variance.
-    """
-    some = slice(None, None, _NOISE_STEP)
-    grey = picked(image, row[some], _NOISE_ROWS, columns[some])
-    differences = grey[1:] - grey[:-1]
-    differences[len(_NOISE_ROWS) // 2 - 1] = 0  # across the stripe
-    variance = np.add.reduce(differences * differences) / np.float32(2 * (len(_NOISE_ROWS) - 2))
-    blocks = max(1, len(variance) // _NOISE_BLOCK)
-    size = len(variance) // blocks
-    medians = np.partition(variance[: blocks * size].reshape(blocks, size), size // 2, axis=1)[:, size // 2]
-    by_block = np.sqrt(np.maximum(medians, np.float32(QUANTISATION_GREY**2)))
-    return by_block[np.minimum(np.arange(len(row)) // (_NOISE_STEP * size), blocks - 1)]
 
 
 def _weighted(
@@ -221,13 +185,13 @@ def _second_moment(
     return second - centre * (2 * first - centre * zeroth)
 
 
-def _spread(windows: _Windows, weighted: _Weighted, variance: Float32[np.ndarray, "n"]) -> _Spread:
+def _spread(windows: _Windows, weighted: _Weighted, variance: Float32[np.ndarray, "n"]) -> Spread:
     """The score's noise over the score's derivative, which for a Gaussian stripe is sum w x^2 I / s^2."""
     slope = weighted.second / variance
     noise_share = windows.noise_grey / slope
     noise = _second_moment(windows, weighted.weight * weighted.weight, weighted.centre) * noise_share * noise_share
     own = _second_moment(windows, weighted.light * weighted.light, weighted.centre) / (slope * slope)
-    return _Spread(noise_variance=noise, own_variance=np.maximum(own - noise, 0))
+    return Spread(noise_variance=noise, own_variance=np.maximum(own - noise, 0))
 
 
 def _background_variance(
@@ -290,35 +254,3 @@ def _flatness(
     peak_grey = np.maximum(gaussian.total, _LEAST_LIGHT) * np.sqrt(narrowing)
     ratio = windows.noise_grey / peak_grey
     return np.clip(ratio * ratio / np.float32(max(excess, 1e-9)), _LEAST_K, _MOST_K)
-
-
-def _excess(
-    columns: Int[np.ndarray, "n"],
-    row: Float[np.ndarray, "n"],
-    spread: _Spread,
-    good: Bool[np.ndarray, "n"],
-    given_contrast: float | None,
-) -> float:
-    """B, which explains the stripe's roughness from column to column.
-
-    Third differences of columns 4 px apart: straight and round stripes have none, and speckle of neighbours is alike.
-    Their squares have the mean s1 + 9 s2 + 9 s3 + s4 and, for normal noise, the median 0.4549 of it. Solved for B at
-    each place, the median is B whatever the brightness does; corners and strays do not move a median.
-    """
-    if given_contrast is not None:
-        return given_contrast**2
-    columns, row = columns[good], row[good]
-    step = _ROUGHNESS_STEP
-    if len(row) < 3 * step + _ROUGHNESS_FEWEST:
-        return DEFAULT_SPECKLE_CONTRAST**2
-    places = [slice(k * step, len(row) - (3 - k) * step, 2) for k in range(4)]  # every other one tells as much
-    together = columns[places[3]] - columns[places[0]] == 3 * step
-    if np.count_nonzero(together) < _ROUGHNESS_FEWEST:
-        return DEFAULT_SPECKLE_CONTRAST**2
-    rough = (row[places[3]] - row[places[0]] - 3 * (row[places[2]] - row[places[1]])) ** 2 / _CHI2_MEDIAN
-    noise, own = (
-        part[places[0]] + part[places[3]] + 9 * (part[places[1]] + part[places[2]])
-        for part in (spread.noise_variance[good], spread.own_variance[good])
-    )
-    values = ((rough - noise) / np.maximum(own, 1e-12))[together]
-    return max(float(np.partition(values, len(values) // 2)[len(values) // 2]), 0.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Int, Shaped
+from jaxtyping import Bool, Float32, Int, Shaped
 
 CELL_ROWS, CELL_COLUMNS = 4, 2
 _SIDE_CELLS = (2, 3, 4)  # sides 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
@@ -21,7 +21,8 @@ _MOST_SHIFT_PX = 8.0
 _CELL_VARIANCE_PX2 = CELL_ROWS**2 / 12
 _NEIGHBOURS = 4  # cell columns on each side that a stripe's place is compared with
 _STEEPEST_CELLS = 1.5  # cells a cell column: 3 px a px
-_LEAST_SUPPORT = 3
+_WIDEST_DROP_CELLS = 3
+_FEW_SHARE = 0.01  # of all columns
 _STEP_CELLS = 4  # a larger step from one cell column to the next parts two pieces
 _LEAST_LONG_CELLS, _LONG_SHARE = 12, 0.5  # pieces that the path runs through: long ones, against the longest
 _BRIDGE_ROUNDS = 3
@@ -76,10 +77,8 @@ def search(image: Shaped[np.ndarray, "height width"]) -> RoughStripe | None:
     threshold = _ROUNDING + _SEARCH_SNR / np.sqrt(2) * cell_noise(cells)
     cell_rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
     if np.abs(np.diff(cell_rows)).max(initial=0) > _STEP_CELLS:
-        cell_rows = _steadied(response, cell_rows)
-        for _ in range(_BRIDGE_ROUNDS):  # each makes the long pieces longer
-            cell_rows = _bridged(response, cell_rows, threshold)
-    height = response.ravel().take(cell_rows * response.shape[1] + np.arange(response.shape[1]))
+        cell_rows = _without_spatter(response, cell_rows, threshold)
+    height = _at(response, cell_rows)
     found = np.flatnonzero(height > threshold)
     return _measured(cells, cell_rows[found], found) if len(found) else None
 
@@ -124,22 +123,44 @@ def cell_noise(cells: Shaped[np.ndarray, "rows columns"]) -> float:
     return spread / np.sqrt(2)
 
 
-def _steadied(response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
-    """The row in each cell column; where the brightest one stands alone, the next brightest if neighbours agree.
+def _without_spatter(
+    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], threshold: float
+) -> Int[np.ndarray, "k"]:
+    """The row in each cell column, where drops and streaks that outshine the stripe have given way to it."""
+    few = _FEW_SHARE * len(rows)
+    seen = _at(response, rows) > threshold
+    drops = seen & (_piece_lengths(np.abs(np.diff(rows)) > _STEP_CELLS) <= _WIDEST_DROP_CELLS)
+    if np.count_nonzero(drops) > few:  # so many that there may be no long pieces
+        rows = _steadied(response, rows, np.flatnonzero(drops))
+    for _ in range(_BRIDGE_ROUNDS):  # each makes the long pieces longer
+        bridged = _bridged(response, rows, threshold)
+        changed = np.count_nonzero(bridged != rows)
+        rows = bridged
+        if changed <= few:
+            break
+    return rows
 
-    A drop of spatter outshines the stripe, but not in many columns at the same height.
-    """
-    support = _support(rows, rows, np.arange(len(rows)))
-    alone = np.flatnonzero(support < _LEAST_SUPPORT)
-    if len(alone) == 0:
-        return rows
-    others = response[:, alone].astype(np.int32)
-    others[np.abs(np.arange(len(others))[:, None] - rows[alone]) <= max(_SIDE_CELLS)] = -1
+
+def _steadied(
+    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], drops: Int[np.ndarray, "m"]
+) -> Int[np.ndarray, "k"]:
+    """The rows, but at the drops the next brightest place if neighbours agree with it."""
+    others = response[:, drops].astype(np.int32)
+    others[np.abs(np.arange(len(others))[:, None] - rows[drops]) <= max(_SIDE_CELLS)] = -1
     second = others.argmax(axis=0)
-    better = _support(rows, second, alone) > support[alone]
+    better = _support(rows, second, drops) > _support(rows, rows[drops], drops)
     steadied = rows.copy()
-    steadied[alone[better]] = second[better]
+    steadied[drops[better]] = second[better]
     return steadied
+
+
+def _support(
+    rows: Int[np.ndarray, "k"], candidates: Int[np.ndarray, "m"], at: Int[np.ndarray, "m"]
+) -> Int[np.ndarray, "m"]:
+    """How many of the neighbouring cell columns hold a place that one stripe could join with the candidate's."""
+    step = np.concatenate([np.arange(-_NEIGHBOURS, 0), np.arange(1, _NEIGHBOURS + 1)])[:, None]
+    neighbours = np.pad(rows, _NEIGHBOURS, constant_values=-1_000_000)[at + _NEIGHBOURS + step]
+    return np.sum(np.abs(neighbours - candidates) <= 1 + _STEEPEST_CELLS * np.abs(step), axis=0)
 
 
 def _bridged(
@@ -150,35 +171,34 @@ def _bridged(
     A streak of spatter is a short piece that outshines the stripe; a groove's bottom is one too, but then there is
     nothing on the path above it.
     """
-    seen = response.ravel().take(rows * response.shape[1] + np.arange(len(rows))) > threshold
-    broken = (np.abs(np.diff(rows)) > _STEP_CELLS) | ~seen[1:] | ~seen[:-1]
-    piece = np.append(0, np.cumsum(broken))
-    length = np.bincount(piece)[piece]
+    seen = _at(response, rows) > threshold
+    length = _piece_lengths((np.abs(np.diff(rows)) > _STEP_CELLS) | ~seen[1:] | ~seen[:-1])
     long = seen & (length >= max(_LEAST_LONG_CELLS, _LONG_SHARE * length.max()))
-    doubtful = np.flatnonzero(~long)
+    doubtful = np.flatnonzero(seen & ~long)
     if not long.any() or len(doubtful) == 0:
         return rows
     path = np.interp(doubtful, np.flatnonzero(long), rows[long])
     step = np.arange(-_BAND_CELLS, _BAND_CELLS + 1)[:, None]
-    near = np.rint(path).astype(np.int64) + step
-    nearby = response[np.clip(near, 0, len(response) - 1), doubtful]
+    near = np.clip(np.rint(path).astype(np.int64) + step, 0, len(response) - 1)
+    nearby = response[near, doubtful]
     best = (nearby * (_BAND_CELLS + 1.0 - np.abs(step))).argmax(axis=0)  # the closer, the likelier
-    bright = nearby[best, np.arange(len(doubtful))] > threshold
+    each = np.arange(len(doubtful))
+    there = near[best, each]
+    moved = (nearby[best, each] > threshold) & (np.abs(there - rows[doubtful]) > 1)  # by 1: the same place
     bridged = rows.copy()
-    bridged[doubtful[bright]] = np.clip(near[best, np.arange(len(doubtful))], 0, len(response) - 1)[bright]
+    bridged[doubtful[moved]] = there[moved]
     return bridged
 
 
-def _support(
-    rows: Int[np.ndarray, "k"], candidates: Int[np.ndarray, "m"], at: Int[np.ndarray, "m"]
-) -> Int[np.ndarray, "m"]:
-    """How many of the neighbouring cell columns hold a place that one stripe could join with the candidate's."""
-    padded = np.pad(rows, _NEIGHBOURS, constant_values=-1_000_000)
-    counts = np.zeros(len(at), np.int64)
-    for step in range(1, _NEIGHBOURS + 1):
-        for side in (-step, step):
-            counts += np.abs(padded[at + _NEIGHBOURS + side] - candidates) <= 1 + _STEEPEST_CELLS * step
-    return counts
+def _piece_lengths(broken: Bool[np.ndarray, "gaps"]) -> Int[np.ndarray, "k"]:
+    """For each cell column the length of the piece it is in, from where neighbours do not hold together."""
+    piece = np.zeros(len(broken) + 1, np.int64)
+    np.cumsum(broken, out=piece[1:])
+    return np.bincount(piece)[piece]
+
+
+def _at(response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"]) -> Shaped[np.ndarray, "k"]:
+    return response.ravel().take(rows * response.shape[1] + np.arange(response.shape[1]))
 
 
 def _measured(
