@@ -6,6 +6,8 @@ so that rounding moves them sideways by 2e-7 of the mesh's radius at most (20 nm
 is then the triangle's plane's in double precision. In robust mode its triangles have no gaps along shared edges.
 """
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -42,14 +44,22 @@ class EmbreeRays:
     ) -> NearestHits:
         """The first hits on the chosen geoms."""
         hits = self._by_mujoco(data, chosen & ~self._known, origin, directions)
+        stopped = _Stopped.of(origin, directions, hits.distance_m)
         for geom in self._small_first[(chosen & self._known)[self._small_first]]:
-            entry_m = _sphere_entry(origin, directions, data.geom_xpos[geom], self._radius_m[geom])
-            rays = np.flatnonzero(entry_m < hits.distance_m)
-            if len(rays) == 0:
-                continue
             R_base_geom = data.geom_xmat[geom].reshape(3, 3)
+            beyond = self._beyond(geom, data.geom_xpos[geom], R_base_geom, stopped)
+            open_rays = stopped.others if beyond else np.arange(len(directions))
+            if len(open_rays) == 0:
+                continue
+            entry_m = _sphere_entry(
+                _of_rays(origin, open_rays), directions[open_rays], data.geom_xpos[geom], self._radius_m[geom]
+            )
+            entering = np.flatnonzero(entry_m < hits.distance_m[open_rays])
+            if len(entering) == 0:
+                continue
+            rays = open_rays[entering]
             origin_geom = (_of_rays(origin, rays) - data.geom_xpos[geom]) @ R_base_geom
-            stretch = entry_m[rays], hits.distance_m[rays]
+            stretch = entry_m[entering], hits.distance_m[rays]
             met_m, normals_geom, face = self._meet(int(geom), origin_geom, directions[rays] @ R_base_geom, *stretch)
             nearer = met_m < hits.distance_m[rays]
             rays = rays[nearer]
@@ -57,7 +67,22 @@ class EmbreeRays:
             hits.normals[rays] = normals_geom[nearer] @ R_base_geom.T
             hits.geom_id[rays] = geom
             hits.face_id[rays] = face[nearer]
+            stopped = _Stopped.of(origin, directions, hits.distance_m)
         return hits
+
+    def _beyond(
+        self, geom: int, place: Float[np.ndarray, "3"], R_base_geom: Float[np.ndarray, "3 3"], stopped: "_Stopped"
+    ) -> bool:
+        """Whether a geom lies wholly outside the box that holds all stopped rays, so that it stops none earlier.
+
+        A wide table's bounding sphere holds everything that stands on it; its box lies under it.
+        """
+        if not np.isfinite(self._radius_m[geom]):
+            up_base = R_base_geom[:, 2]
+            return bool((stopped.middle - place) @ up_base > np.abs(up_base) @ stopped.half)
+        centre, half = self._model.geom_aabb[geom, :3], self._model.geom_aabb[geom, 3:]
+        apart = np.abs(R_base_geom @ centre + place - stopped.middle)
+        return bool(np.any(apart > np.abs(R_base_geom) @ half + stopped.half + _MARGIN * self._radius_m[geom]))
 
     def _meet(
         self,
@@ -93,6 +118,29 @@ class EmbreeRays:
         self._others = self._others or MujocoRays(self._model)
         hits = self._others.nearest(data, chosen, origin, directions)
         return hits._replace(distance_m=np.where(hits.geom_id >= 0, hits.distance_m, np.inf))
+
+
+class _Stopped(NamedTuple):
+    """Rays that something stops, and a box in the base that holds them from their origins to their ends."""
+
+    others: Int[np.ndarray, "k"]
+    middle: Float[np.ndarray, "3"]
+    half: Float[np.ndarray, "3"]
+
+    @classmethod
+    def of(
+        cls, origin: Origins, directions: Float[np.ndarray, "n 3"], distance_m: Float[np.ndarray, "n"]
+    ) -> "_Stopped":
+        stopped = np.isfinite(distance_m)
+        rays = np.flatnonzero(stopped)
+        if len(rays) == 0:
+            return cls(np.arange(len(directions)), np.zeros(3), np.zeros(3))
+        starts = _of_rays(origin, rays)
+        ends = (starts + distance_m[rays, None] * directions[rays]).T  # a row for each axis: faster to reduce
+        starts = starts[:, None] if starts.ndim == 1 else starts.T
+        low = np.minimum(ends.min(axis=1), starts.min(axis=1))
+        high = np.maximum(ends.max(axis=1), starts.max(axis=1))
+        return cls(np.flatnonzero(~stopped), (low + high) / 2, (high - low) / 2)
 
 
 class _Mesh:
