@@ -23,6 +23,7 @@ from weldcell.calib.board_bundle import (
     outlying_pictures,
     refined_poses,
 )
+from weldcell.calib.least_squares import without_others
 from weldcell.calib.verdict import (
     DOUBTFUL_CONDITION,
     REFUSED_CONDITION,
@@ -164,13 +165,9 @@ def pose_board(
 
 def marginal_information(found: Adjusted, leading: int | None = None) -> Float[np.ndarray, "p p"]:
     """Information on the first parameters (the intrinsics, unless a number is given), all others unknown."""
-    count = len(found.free) if leading is None else leading
-    rows = (np.sqrt(found.fit.weights)[:, None, None] * found.fit.jacobian).reshape(-1, found.fit.jacobian.shape[-1])
-    scale = np.linalg.norm(rows, axis=0)
-    rows = rows / np.where(scale > 0, scale, 1)
-    basis, _ = np.linalg.qr(rows[:, count:])
-    kept = rows[:, :count] - basis @ (basis.T @ rows[:, :count])
-    return (kept.T @ kept) * np.outer(scale[:count], scale[:count])
+    weighted = np.sqrt(found.fit.weights)[:, None, None] * found.fit.jacobian
+    kept = without_others(weighted, len(found.free) if leading is None else leading)
+    return kept.T @ kept
 
 
 def _estimate(problem: CameraProblem) -> Adjusted:

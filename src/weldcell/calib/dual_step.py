@@ -19,11 +19,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from weldcell.calib.board_bundle import across, plane_axes, tilted
-from weldcell.calib.least_squares import Fit, fit
+from weldcell.calib.laser_plane import plane_blocks
+from weldcell.calib.least_squares import fit, without_others
 from weldcell.calib.verdict import (
-    Block,
     Finding,
-    Observability,
     Verdict,
     judge,
     observe,
@@ -105,7 +104,8 @@ def solve(problem: DualStepProblem) -> DualStepResult:
         found = fit(arrangement.model, found.parameters)
     plane = tilted(problem.start, found.parameters[:2], float(found.parameters[2]))
     heights = arrangement.heights_m(found.parameters)
-    seen = _observe(found, problem)
+    distances_m = problem.start.intersect(problem.camera.unproject(problem.targets.pixels))[:, 2]
+    seen = observe(without_others(found.jacobian, _PLANE), plane_blocks(float(np.median(distances_m))))
     rms_m = float(np.sqrt(np.mean(heights**2)))
     findings: list[Finding] = [
         *weigh_convergence(found.converged, found.message),
@@ -242,16 +242,3 @@ class _Arrangement:
         axes = plane_axes(plane)
         x, z = x_plane @ axes, z_plane @ axes
         return np.column_stack([x, np.cross(z, x), z])
-
-
-def _observe(found: Fit, problem: DualStepProblem) -> Observability:
-    """How well the points tell the plane, with the targets' poses unknown."""
-    rows = found.jacobian.reshape(-1, found.jacobian.shape[-1])
-    basis, _ = np.linalg.qr(rows[:, _PLANE:])
-    kept = rows[:, :_PLANE] - basis @ (basis.T @ rows[:, :_PLANE])
-    distance_m = float(np.median(problem.start.intersect(problem.camera.unproject(problem.targets.pixels))[:, 2]))
-    blocks = [
-        Block(name="tilt along", frame="light plane", unit_m=distance_m, size=2),
-        Block(name="offset along", frame="light plane's normal", size=1),
-    ]
-    return observe(kept, blocks)

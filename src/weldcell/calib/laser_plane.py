@@ -170,6 +170,14 @@ def angle_and_base(plane: LaserPlane) -> tuple[float, float]:
     return float(np.arctan2(abs(across), normal[2])), float(plane.offset_m / abs(across))
 
 
+def plane_blocks(lever_m: float) -> list[Block]:
+    """A light plane's three parameters for `verdict.observe`; a tilt counts by what it moves at this distance."""
+    return [
+        Block(name="tilt along", frame="light plane", unit_m=lever_m, size=2),
+        Block(name="offset along", frame="light plane's normal", size=1),
+    ]
+
+
 def agreement(camera: CameraModel, plane: LaserPlane, other_camera: CameraModel, other_plane: LaserPlane) -> Agreement:
     """How far the second sensor measures from the first."""
     u, v = np.meshgrid(np.linspace(0, camera.width_px - 1, 9), np.linspace(0, camera.height_px - 1, 7))
@@ -306,11 +314,7 @@ def _observe(problem: LaserPlaneProblem, points: Float[np.ndarray, "n 3"], plane
     middle = np.nanmean(points, axis=0)
     lever_m = float(np.linalg.norm(middle - foot)) or plane.offset_m
     jacobian = np.column_stack([(points - foot) @ axes.T, -np.ones(len(points))])
-    blocks = [
-        Block(name="tilt along", frame="light plane", unit_m=lever_m, size=2),
-        Block(name="offset along", frame="light plane's normal", size=1),
-    ]
-    return observe(jacobian[np.isfinite(jacobian).all(axis=1)], blocks)
+    return observe(jacobian[np.isfinite(jacobian).all(axis=1)], plane_blocks(lever_m))
 
 
 def _weigh_parallel(problem: LaserPlaneProblem, poses: RigidTransform) -> list[Finding]:

@@ -81,6 +81,18 @@ def covariance(jacobian: Jacobian, weights: Float[np.ndarray, "n"]) -> Float[np.
     return scaled.T @ scaled
 
 
+def without_others(jacobian: Jacobian, count: int) -> Float[np.ndarray, "rows count"]:
+    """What the first `count` parameters still change once all others have been fitted: their columns, the others'
+    directions taken out.
+    """
+    rows = jacobian.reshape(-1, jacobian.shape[-1])
+    scale = np.linalg.norm(rows, axis=0)
+    others = rows[:, count:] / np.where(scale > 0, scale, 1)[count:]
+    basis, _ = np.linalg.qr(others)
+    kept = rows[:, :count]
+    return kept - basis @ (basis.T @ kept)
+
+
 def robust_spread(residuals: Residuals, unknowns: int = 0) -> float:
     """Standard deviation of one component, from the median length of the residual vectors (1 as predicted)."""
     components = residuals.shape[1]

@@ -16,12 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from weldcell.calib.board_bundle import plane_axes, tilted
-from weldcell.calib.laser_plane import facing_away
-from weldcell.calib.least_squares import Fit, fit
+from weldcell.calib.laser_plane import facing_away, plane_blocks
+from weldcell.calib.least_squares import fit, without_others
 from weldcell.calib.verdict import (
-    Block,
     Finding,
-    Observability,
     Verdict,
     judge,
     observe,
@@ -90,7 +88,7 @@ def solve(problem: VanishingPointProblem) -> VanishingPointResult:
     plane = tilted(closed, found.parameters[:2], float(found.parameters[2]))
     residuals = found.residuals.reshape(problem.pixels.shape) * problem.sigma_px
     rms_px = float(np.sqrt(np.mean(np.sum(residuals**2, axis=2))))
-    seen = _observe(found, plane, float(np.median(distances_m)))
+    seen = observe(without_others(found.jacobian, _PLANE), plane_blocks(float(np.median(distances_m))))
     findings = [*weigh_convergence(found.converged, found.message), *weigh_condition(seen, "light plane")]
     if not rms_px <= _DOUBTFUL_RMS_PX:
         findings.append(
@@ -184,18 +182,6 @@ class _Arrangement:
         points[..., other] = (rest - points[..., 2] * plane.normal_camera[2]) / plane.normal_camera[other]
         expected = self._problem.camera.project(points)
         return np.nan_to_num((self._problem.pixels - expected) / self._problem.sigma_px, nan=1e6)
-
-
-def _observe(found: Fit, plane: LaserPlane, distance_m: float) -> Observability:
-    """How well the crossings tell the plane, with distances and the lines' place unknown."""
-    rows = found.jacobian.reshape(-1, found.jacobian.shape[-1])
-    basis, _ = np.linalg.qr(rows[:, _PLANE:])
-    kept = rows[:, :_PLANE] - basis @ (basis.T @ rows[:, :_PLANE])
-    blocks = [
-        Block(name="tilt along", frame="light plane", unit_m=distance_m, size=2),
-        Block(name="offset along", frame="light plane's normal", size=1),
-    ]
-    return observe(kept, blocks)
 
 
 def _unit(rays: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -8,7 +8,7 @@ picture's resolution (`sensor_sim.printed` blurs it as the lens does).
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -72,6 +72,7 @@ class Pattern:
         return total
 
 
+@runtime_checkable
 class Board(Protocol):
     """Anything that can be put before the sensor."""
 
@@ -210,7 +211,7 @@ class StepTarget:
         """The block's body, standing at `T_base_board`."""
         body = _add_body(spec, self.name, T_base_board)
         half_m = self.length_m / 2
-        for k, (left, right, top) in enumerate(zip(self.edges_m, self.edges_m[1:], self.heights_m, strict=True)):
+        for k, (left, right, top) in enumerate(zip(self.edges_m[:-1], self.edges_m[1:], self.heights_m, strict=True)):
             block = np.array([[left, -half_m, -self.base_m], [right, half_m, top - _PAINT_M]])
             paint = np.array([[left, -half_m, top - _PAINT_M], [right, half_m, top]])
             _add_box(spec, body, f"{self.name}_block_{k}", block, BLACK, f"{self.name}_block_{k}")
@@ -227,7 +228,11 @@ def _inside_and_signs(corners: int, square_m: float) -> tuple[Steps, Steps]:
 
 
 def _add_plate(
-    spec: mujoco.MjSpec, name: str, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"], T_base_board: RigidTransform
+    spec: mujoco.MjSpec,
+    name: str,
+    low: Float[np.ndarray, "2"],
+    high: Float[np.ndarray, "2"],
+    T_base_board: RigidTransform,
 ) -> mujoco.MjsBody:
     body = _add_body(spec, name, T_base_board)
     box = np.array([[*low, 0.0], [*high, PLATE_M]])
