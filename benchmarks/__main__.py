@@ -1,50 +1,75 @@
-"""`python -m benchmarks [speed] [accuracy]`: prints tables and writes benchmarks/results.json."""
+"""`python -m benchmarks [PART ...]`: prints tables and writes benchmarks/results.json; the parts stand below.
+
+Without names all parts run. Results of parts that did not run stay in the file.
+"""
 
 import json
+import os
 import platform
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks import accuracy, speed
+from benchmarks import accuracy, dataset, hand_eye_methods, precision, rays, speed
+from benchmarks.table import Figure, as_data, show
 
 RESULTS = Path(__file__).with_name("results.json")
 
+Tables = dict[str, list[Figure]]
 
-def main(parts: list[str]) -> int:
+
+def main(names: list[str]) -> int:
     """Runs the named parts, or all."""
-    unknown = set(parts) - {"speed", "accuracy"}
+    unknown = [name for name in names if name not in PARTS]
     if unknown:
-        print(f"benchmarks: error: found {', '.join(sorted(unknown))}, expected speed or accuracy", file=sys.stderr)
+        print(f"benchmarks: error: found {', '.join(unknown)}, expected some of {', '.join(PARTS)}", file=sys.stderr)
         return 2
-    console, results = Console(), {"python": platform.python_version(), "machine": platform.machine()}
-    if not parts or "speed" in parts:
-        results["frame_ms"] = times_ms = speed.frame_times()
-        _show(console, "A V-groove frame of 1440 x 1080 pixels", "ms", times_ms)
-        results["ratio"] = speed.ratios(times_ms)
-        _show(console, "Against primitives of the same run", "ratio", results["ratio"])
-        results["commission_s"] = {"weldcell run commission": speed.whole_job_s()}
-        _show(console, "The whole job", "s", results["commission_s"])
-    if not parts or "accuracy" in parts:
-        results["accuracy"] = {}
-        for case in accuracy.CASES:
-            results["accuracy"][case] = accuracy.medians(case)
-            title = f"{case}: medians over seeds {accuracy.SEEDS[0]} to {accuracy.SEEDS[-1]}"
-            _show(console, title, "", results["accuracy"][case])
-    RESULTS.write_text(json.dumps(results, indent=2) + "\n")
+    console = Console()
+    for part in names or PARTS:
+        tables = PARTS[part]()
+        for title, figures in tables.items():
+            show(console, title, figures)
+        _keep(part, {title: as_data(figures) for title, figures in tables.items()})
     console.print(str(RESULTS), highlight=False)
     return 0
 
 
-def _show(console: Console, title: str, unit: str, values: dict[str, float]) -> None:
-    table = Table(title=title, title_justify="left")
-    table.add_column("what")
-    table.add_column(unit, justify="right")
-    for name, value in values.items():
-        table.add_row(name, f"{value:.4g}")
-    console.print(table)
+def _speed() -> Tables:
+    times_ms = speed.frame_times()
+    return {
+        "A V-groove frame of 1440 x 1080 pixels": [Figure(name=n, value=v, unit="ms") for n, v in times_ms.items()],
+        "Against primitives of the same run": speed.figures(times_ms),
+    }
+
+
+def _job() -> Tables:
+    return {"The whole job": [Figure(name="weldcell run commission", value=speed.whole_job_s(), unit="s")]}
+
+
+PARTS: dict[str, Callable[[], Tables]] = {
+    "speed": _speed,
+    "rays": lambda: {"Rays on a plate of 240 000 triangles": rays.figures()},
+    "precision": lambda: {"Stripe centre against the Cramer-Rao bound": precision.figures()},
+    "dataset": lambda: {"Data sets": dataset.figures()},
+    "job": _job,
+    "accuracy": accuracy.tables,
+    "hand-eye": hand_eye_methods.tables,
+}
+
+
+def _keep(part: str, tables: dict[str, Any]) -> None:
+    """Writes a part's results beside those of the others."""
+    try:
+        results = json.loads(RESULTS.read_text())
+    except (OSError, ValueError):
+        results = {}
+    results = {name: value for name, value in results.items() if name in PARTS}
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    results[part] = {"machine": machine, "tables": tables}
+    RESULTS.write_text(json.dumps(results, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ def line_model(x, y, sigma):
 
 def test_covariance_of_a_straight_line_is_the_textbook_one():
     x = np.array([-1.0, 0.0, 1.0])
-    found = fit(line_model(x, 2 * x + 1, 0.1), np.zeros(2))
+    found = fit(line_model(x, 2 * x + 1, 0.1), np.zeros(2), robust=False)
     assert found.parameters == pytest.approx([2, 1], abs=1e-12)
     # slope: sigma^2 / sum x^2 = 0.01 / 2; offset: sigma^2 / n = 0.01 / 3
     assert found.covariance == pytest.approx(np.diag([0.005, 0.01 / 3]), abs=1e-15)
@@ -52,6 +52,21 @@ def test_sigmas_promised_too_small_are_made_up_for():
     found = fit(line_model(x, rng.normal(0, 0.7, 400), 0.1), np.zeros(2))
     honest = 0.7**2 / np.sum(x**2)
     assert found.covariance[0, 0] == pytest.approx(honest, rel=0.3)  # 400 points: 7 % and the loss's few per cent
+
+
+@pytest.mark.parametrize("components", [1, 2, 3])
+def test_predicted_covariance_of_a_mean_is_its_scatter_under_normal_noise(components):
+    count, trials = 40, 600
+    rng = np.random.default_rng(components)
+    errors, predicted = [], []
+    for values in rng.normal(size=(trials, count, components)):
+        slopes = np.broadcast_to(np.eye(components), (count, components, components))
+        found = fit(lambda p, values=values, slopes=slopes: (p - values, slopes), np.zeros(components))
+        errors.append(found.parameters)
+        predicted.append(np.diag(found.covariance))
+    ratio = np.mean(np.square(errors)) / np.mean(predicted)
+    # variance of 600 squares: 6 %; the inflation counts only upwards, which adds some per cent at 40 observations
+    assert 0.82 < ratio < 1.1
 
 
 def test_open_directions_have_infinite_covariance():

@@ -1,7 +1,9 @@
 """Whole pictures: the stripe is where truth says, and only there; same seed, same bytes."""
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -59,6 +61,21 @@ def test_a_picture_does_not_depend_on_the_pictures_before(scene, overhead):
         alone = line_sensor.capture(data, overhead(), np.random.default_rng(1))
         line_sensor.capture(data, overhead((0.0, 0.01, 0.01), 0.4), np.random.default_rng(2))
         np.testing.assert_array_equal(line_sensor.capture(data, overhead(), np.random.default_rng(1)), alone)
+
+
+def test_two_threads_with_a_sensor_each_give_the_bytes_of_one(scene, overhead):
+    model, _ = scene(SCENE)
+
+    def pictures(seeds):
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        with sensor(SMALL, model) as own:
+            return {seed: own.capture(data, overhead(), np.random.default_rng(seed)).tobytes() for seed in seeds}
+
+    alone = pictures(range(8))
+    with ThreadPoolExecutor(2) as pool:
+        even, odd = pool.map(pictures, (range(0, 8, 2), range(1, 8, 2)))
+    assert even | odd == alone
 
 
 def test_a_visual_only_workpiece_gives_the_same_picture(scene, overhead):

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 from weldcell.cell.errors import BadGeometry
 from weldcell.cell.frames import translation
@@ -121,8 +122,11 @@ def test_rays_through_vertices_and_edges_of_a_part_do_not_leak(parts):
     hits = RayCaster(model, groups=(0,), backend="embree").cast(data, inside, unit(aims - inside))
     assert (hits.geom_id == geom).all()
     beyond_m = hits.distance_m - np.linalg.norm(aims - inside, axis=1)
-    assert (beyond_m > 1e-6).mean() < 1e-3  # all but a few that just pass the groove's root, an outline from inside
-    assert beyond_m.max() < 1e-3  # and end on the wall behind it
+    passed = beyond_m > 1e-6
+    assert passed.mean() < 1e-3  # all but a few that just pass the groove's root or a bend of its wall, outlines there
+    plate = trimesh.Trimesh(vertices @ rotation.T + data.geom_xpos[geom], faces)
+    far = passed & (beyond_m > 1e-3)  # these graze the wall and go on within the metal; others end just behind the root
+    assert plate.contains((aims[far] + hits.points[far]) / 2).all()
 
 
 def test_a_far_origin_costs_no_accuracy(scene):

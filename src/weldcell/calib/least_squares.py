@@ -7,11 +7,13 @@ plain least squares problem for MINPACK's Levenberg-Marquardt (through SciPy).
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.special import gammaincinv
+from scipy.stats import chi2
 
 Residuals = Float[np.ndarray, "n components"]
 Jacobian = Float[np.ndarray, "n components p"]
@@ -21,6 +23,7 @@ Model = Callable[[Float[np.ndarray, "p"]], tuple[Residuals, Jacobian]]
 _LOSS_SIGMAS = 3.0  # beyond this a residual pulls with constant force
 _TOLERANCE = 1e-15  # to solver precision
 _MOST_EVALUATIONS = 200  # an answer that the data hold takes some tens
+_QUANTILES = 1000  # of a distribution, for its means
 _SINGULAR = 1e-12  # relative singular value below which no covariance exists
 
 
@@ -38,7 +41,8 @@ class Fit:
     weights: Float[np.ndarray, "n"]
     """1 for an observation that fits, towards 0 for one that does not."""
     inflation: float
-    """Variance of the residuals over the predicted one; never below 1."""
+    """Factor on (J'WJ)^-1 that makes it the covariance: the loss's own, and the residuals' variance over the predicted
+    one where that is above 1."""
     converged: bool
     message: str
     """What the solver said."""
@@ -58,7 +62,7 @@ def fit(model: Model, start: Float[np.ndarray, "p"], *, robust: bool = True) -> 
         found = _minimise(model, found.x, loss_sigmas)
     residuals, jacobian = model(found.x)
     weights = 1 / np.sqrt(1 + np.sum(residuals**2, axis=-1) / loss_sigmas**2)
-    inflation = _inflation(residuals, weights, unknowns=len(found.x))
+    inflation = _inflation(residuals, weights, len(found.x), _LOSS_SIGMAS if robust else np.inf)
     return Fit(
         parameters=found.x,
         covariance=inflation * covariance(jacobian, weights),
@@ -115,11 +119,27 @@ def _minimise(model: Model, start: Float[np.ndarray, "p"], loss_sigmas: float) -
     )
 
 
-def _inflation(residuals: Residuals, weights: Float[np.ndarray, "n"], unknowns: int) -> float:
-    freedom = np.sum(weights) * residuals.shape[-1] - unknowns
+def _inflation(residuals: Residuals, weights: Float[np.ndarray, "n"], unknowns: int, loss_sigmas: float) -> float:
+    components = residuals.shape[-1]
+    factor, usual = _of_normal_noise(components, loss_sigmas) if np.isfinite(loss_sigmas) else (1.0, 1.0)
+    freedom = np.sum(weights) * components - unknowns
     if freedom <= 0:
-        return 1.0
-    return max(1.0, float(np.sum(weights * np.sum(residuals**2, axis=-1)) / freedom))
+        return factor
+    return factor * max(1.0, float(np.sum(weights * np.sum(residuals**2, axis=-1)) / freedom) / usual)
+
+
+@cache
+def _of_normal_noise(components: int, loss_sigmas: float) -> tuple[float, float]:
+    """What the loss makes of normal noise of one sigma: the factor on (J'WJ)^-1, and the weighted variance.
+
+    An M-estimate scatters by E[psi^2] / E[psi']^2 (Huber, Robust Statistics, 1981, section 6.3), psi being the weighted
+    residual; weights alone overstate that, for they count a usual residual as less than a whole observation.
+    """
+    squares = chi2.ppf((np.arange(_QUANTILES) + 0.5) / _QUANTILES, components)
+    weights = 1 / np.sqrt(1 + squares / loss_sigmas**2)
+    slope = np.mean(weights - squares / (components * loss_sigmas**2) * weights**3)
+    spread = np.mean(weights**2 * squares) / components / slope**2
+    return float(spread * weights.mean()), float(np.mean(weights * squares) / components / weights.mean())
 
 
 class _Damped:

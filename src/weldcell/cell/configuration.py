@@ -170,6 +170,8 @@ class CalibrationConfig:
     """Estimate the torch tip from the touches as well; false is P2 to the letter (nominal tip)."""
     robot_sigma_mm: Annotated[float, Ge(1e-5), Le(100)] = 0.1
     """The robot's error for a single pose that the compensation expects: weighs it against the sights' own noise."""
+    second_sphere_mm: Point = (0.0, 0.0, 0.0)
+    """Where a second sphere stands from the first, on a bar of known length (joint estimate only); 0 0 0 is none."""
     viewpoints: Annotated[int, Ge(1), Le(1000)] = 10
     """Views of each point in the verification."""
     near_points_mm: tuple[Point, ...] = ((60.0, -50.0, 20.0), (-70.0, 30.0, 40.0), (20.0, 80.0, -20.0))
@@ -260,9 +262,9 @@ class RecordingConfig:
 class LaserPlaneConfig:
     """Calibration of camera and light plane by boards held before the sensor, in the light of the room."""
 
-    exposure_ms: Positive = 0.6
+    exposure_ms: Positive = 0.5
     """Exposure for boards: print and stripe must both show well."""
-    ambient_grey: Annotated[float, Gt(0), Le(2000)] = 220.0
+    ambient_grey: Annotated[float, Gt(0), Le(2000)] = 200.0
     """Level (of 255) of a white surface after 1 ms at 0 dB, the room lit for it."""
     boards: Annotated[int, Ge(4), Le(200)] = 15
     """Pictures of the chessboard with the stripe on it."""

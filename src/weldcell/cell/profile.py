@@ -1,6 +1,7 @@
 """What the sensor's picture turns into: stripe, profile and the features of a joint."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8, UInt16
@@ -71,3 +72,7 @@ class JointFeatures:
     valid: bool
     reason: str = ""
     """Why the joint was not found, if it was not."""
+    measures: Mapping[str, float] = field(default_factory=dict)
+    """Derived values with units in their names, such as gap_m, mismatch_m or groove_angle_rad."""
+    confidence: Float[np.ndarray, "k"] = field(default_factory=lambda: np.zeros(0))
+    """Probability for each feature that it is the right one and within 0.15 mm; empty where nobody judged."""

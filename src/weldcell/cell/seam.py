@@ -19,6 +19,8 @@ class Seam:
     """Increasing distance along the seam."""
     points: Mapping[str, Float[np.ndarray, "n 3"]]
     """For each feature the points in one frame (the holder's name says which), m."""
+    approach: Float[np.ndarray, "n 3"] | None = None
+    """Unit directions out of the joint, against which a torch points, in the same frame; None where nobody knows."""
 
     def __post_init__(self) -> None:
         if len(self.arc_length_m) < 2 or not np.all(np.diff(self.arc_length_m) > 0):
@@ -26,10 +28,19 @@ class Seam:
         for name, points in self.points.items():
             if points.shape != (len(self.arc_length_m), 3):
                 raise BadGeometry(f"seam: {name} has shape {points.shape}, expected ({len(self.arc_length_m)}, 3)")
+        if self.approach is not None and self.approach.shape != (len(self.arc_length_m), 3):
+            raise BadGeometry(f"seam: approach has shape {self.approach.shape}, expected ({len(self.arc_length_m)}, 3)")
 
     def at(self, name: str, arc_length_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m 3"]:
         """Points of one feature at these arc lengths (cubic interpolation; ends are extrapolated)."""
         return self._splines[name](arc_length_m)
+
+    def approach_at(self, arc_length_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m 3"]:
+        """Unit directions out of the joint at these arc lengths; refused where none are known."""
+        if self.approach is None:
+            raise BadGeometry("seam: its approach is not known")
+        approach = CubicSpline(self.arc_length_m, self.approach)(arc_length_m)
+        return approach / np.linalg.norm(approach, axis=1, keepdims=True)
 
     @cached_property
     def _splines(self) -> dict[str, CubicSpline]:

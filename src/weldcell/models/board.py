@@ -103,7 +103,7 @@ class Chessboard:
     def __post_init__(self) -> None:
         if self.columns < 2 or self.rows < 2 or not (self.square_m > 0 and self.border_m > 0):
             raise BadGeometry(
-                f"chessboard: {self.columns}x{self.rows} corners, squares of {self.square_m} m, border {self.border_m} m: "
+                f"chessboard: {self.columns}x{self.rows} corners, squares {self.square_m} m, border {self.border_m} m, "
                 "expected at least 2x2 and lengths above 0"
             )
 
@@ -148,7 +148,7 @@ class LineBoard:
     def __post_init__(self) -> None:
         if self.lines < 2 or not (0 < self.width_m < self.spacing_m and self.length_m > 0 and self.border_m > 0):
             raise BadGeometry(
-                f"line board: {self.lines} lines of {self.width_m} m, {self.spacing_m} m apart, {self.length_m} m long: "
+                f"line board: {self.lines} lines of {self.width_m} m, {self.spacing_m} m apart and {self.length_m} m, "
                 "expected 2 or more, thinner than their spacing"
             )
 

@@ -20,7 +20,7 @@ from weldcell.models.surface_texture import SurfaceTexture, even_spots, surface_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Workpiece:
-    """A closed mesh and its truth, all in the part frame: origin at the underside's centre, z up."""
+    """A mesh and its truth, all in the part frame: origin at the underside's centre, z up."""
 
     name: str
     """Name of its body, geom and mesh."""
@@ -38,12 +38,16 @@ class Workpiece:
     """What the surface is."""
     texture: SurfaceTexture | None = None
     """Pattern of the surface's brightness, if it has one."""
+    closed: bool = True
+    """Whether the mesh must be closed, as all generated ones are; a user's own part may be an open surface."""
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.vertices_part)):
             raise BadGeometry(f"workpiece {self.name}: expected finite vertices, found NaN or infinity")
         if self.faces.size == 0 or self.faces.min() < 0 or self.faces.max() >= len(self.vertices_part):
             raise BadGeometry(f"workpiece {self.name}: expected face indices within the vertices")
+        if not self.closed:
+            return
         mesh = self.mesh_part()
         if not mesh.is_watertight or not mesh.is_winding_consistent:
             raise BadGeometry(f"workpiece {self.name}: expected a closed mesh of one orientation, found it open")
@@ -57,16 +61,24 @@ class Workpiece:
     def with_surface(
         self, material: MaterialName, texture: TextureName = "none", tack_spots: int = 0, seed: int = 0
     ) -> "Workpiece":
-        """The same part of this material, with this pattern and with tack spots evenly along its seam's root."""
-        if tack_spots > 0 and (self.seam_part is None or "root" not in self.seam_part.points):
-            raise BadGeometry(f"workpiece {self.name}: tack spots need a seam with a root, found none")
+        """The same part of this material, with this pattern and with tack spots evenly along its seam."""
         if texture == "none" and tack_spots == 0:
             return replace(self, material=material, texture=None)
-        root = self.seam_part.points["root"] if self.seam_part is not None and tack_spots > 0 else np.empty((0, 3))
+        root = self._seam_middle() if tack_spots > 0 else np.empty((0, 3))
         low, high = self.vertices_part.min(axis=0), self.vertices_part.max(axis=0)
         rng = generator(seed, f"texture of {self.name}")
         pattern = surface_texture(low, high, texture, even_spots(root, tack_spots), rng)
         return replace(self, material=material, texture=pattern)
+
+    def _seam_middle(self) -> Float[np.ndarray, "n 3"]:
+        """The root, a U's centre, or midway between the features."""
+        if self.seam_part is None:
+            raise BadGeometry(f"workpiece {self.name}: tack spots need a seam, found none")
+        points = self.seam_part.points
+        for name in ("root", "centre"):
+            if name in points:
+                return points[name]
+        return np.mean(list(points.values()), axis=0)
 
     def add_to(self, spec: mujoco.MjSpec, T_base_part: RigidTransform) -> mujoco.MjsBody:
         """The body that now stands at `T_base_part` in the spec's world, its geom in group 0."""

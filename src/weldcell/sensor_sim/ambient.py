@@ -44,14 +44,18 @@ _LARGEST_PX = 16_384  # what OpenGL drivers offer; a picture this large means a 
 class AmbientRenderer:
     """Renders grey pictures of a model as it was when the renderer was made; use it in a `with` block."""
 
-    def __init__(self, model: mujoco.MjModel, camera: CameraModel, white_grey: float) -> None:
-        """`white_grey` is the grey level of what MuJoCo renders as full white.
+    def __init__(
+        self, model: mujoco.MjModel, camera: CameraModel, white_grey: float, blur_sigma_px: float = 0.0
+    ) -> None:
+        """`white_grey` is the grey level of what MuJoCo renders as full white, `blur_sigma_px` the lens's blur.
+
+        One blur for all that is in view: depth of field is left out.
 
         Raises NotReady, naming the missing packages, where there is no OpenGL.
         """
         self._model = copy.copy(model)  # whose geom groups say what is drawn when
         self._layers = _layers(model)
-        self._white_grey = white_grey
+        self._white_grey, self._blur_sigma_px = white_grey, blur_sigma_px
         self._pinhole, self._warp = _lens(camera)
         self._scene = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -89,7 +93,10 @@ class AmbientRenderer:
         mujoco.mjr_readPixels(self._rgb, None, whole, self._buffers)
         grey = cv2.cvtColor(self._rgb, cv2.COLOR_RGB2GRAY)
         distorted = cv2.remap(grey, *self._warp, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return distorted * np.float32(self._white_grey / 255)
+        levels = distorted * np.float32(self._white_grey / 255)
+        if self._blur_sigma_px > 0:  # after the product: rounded to whole levels, the blur would leave steps
+            cv2.GaussianBlur(levels, (0, 0), self._blur_sigma_px, dst=levels)
+        return levels
 
     def _look(self, data: mujoco.MjData, T_base_camera: RigidTransform) -> None:
         """Draw the scene with the view at the camera.

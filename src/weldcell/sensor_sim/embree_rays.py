@@ -19,6 +19,8 @@ from weldcell.sensor_sim.mujoco_rays import MujocoRays, NearestHits
 from weldcell.sensor_sim.solid_rays import SOLIDS, Origins, solid_hits
 
 _MARGIN = 1e-4  # of a bounding sphere's radius: far above single precision's rounding
+_SLIVER = 0.02  # twice a triangle's area over its longest side's square, below which its normal has few digits
+_GRAZING = 0.02  # of a ray's slope to a triangle's plane
 _ENDLESS_M = 1e30  # infinity would do as well, but for its warnings
 
 
@@ -62,6 +64,8 @@ class EmbreeRays:
             stretch = entry_m[entering], hits.distance_m[rays]
             met_m, normals_geom, face = self._meet(int(geom), origin_geom, directions[rays] @ R_base_geom, *stretch)
             nearer = met_m < hits.distance_m[rays]
+            if not nearer.any():
+                continue
             rays = rays[nearer]
             hits.distance_m[rays] = met_m[nearer]
             hits.normals[rays] = normals_geom[nearer] @ R_base_geom.T
@@ -69,6 +73,41 @@ class EmbreeRays:
             hits.face_id[rays] = face[nearer]
             stopped = _Stopped.of(origin, directions, hits.distance_m)
         return hits
+
+    def maybe_blocked(
+        self,
+        data: mujoco.MjData,
+        chosen: Bool[np.ndarray, "geoms"],
+        origin: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "n 3"],
+        within_m: Float[np.ndarray, "n"],
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether something may stop rays from one origin before these distances: sure where it is False.
+
+        In single precision, so that a ray which just reaches its surface may seem stopped by it.
+        """
+        if (chosen & ~self._known).any():
+            return np.ones(len(directions), dtype=bool)
+        blocked = np.zeros(len(directions), dtype=bool)
+        reached = _Stopped.of(origin, directions, within_m)
+        for geom in np.flatnonzero(chosen).tolist():
+            place, R_base_geom = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
+            if self._beyond(geom, place, R_base_geom, reached):
+                continue
+            origin_geom, directions_geom = (origin - place) @ R_base_geom, directions @ R_base_geom
+            if self._model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                entry_m = max(float(np.linalg.norm(place - origin)) - self._radius_m[geom], 0.0)  # of any of them
+                blocked |= self._mesh(geom).stops(origin_geom, directions_geom, entry_m, within_m)
+            else:
+                met_m, _, _ = self._meet(geom, origin_geom, directions_geom, np.zeros(len(within_m)), within_m)
+                blocked |= met_m < within_m
+        return blocked
+
+    def _mesh(self, geom: int) -> "_Mesh":
+        mesh = int(self._model.geom_dataid[geom])
+        if mesh not in self._meshes:
+            self._meshes[mesh] = _Mesh(self._model, mesh, self._device)
+        return self._meshes[mesh]
 
     def _beyond(
         self, geom: int, place: Float[np.ndarray, "3"], R_base_geom: Float[np.ndarray, "3 3"], stopped: "_Stopped"
@@ -98,10 +137,7 @@ class EmbreeRays:
         if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
             kind, size = self._model.geom_type[geom], self._model.geom_size[geom]
             return *solid_hits(kind, size, origin_geom, directions_geom), np.full(len(directions_geom), -1)
-        mesh = int(self._model.geom_dataid[geom])
-        if mesh not in self._meshes:
-            self._meshes[mesh] = _Mesh(self._model, mesh, self._device)
-        return self._meshes[mesh].hits(origin_geom, directions_geom, entry_m, end_m)
+        return self._mesh(geom).hits(origin_geom, directions_geom, entry_m, end_m)
 
     def _by_mujoco(
         self,
@@ -157,6 +193,9 @@ class _Mesh:
         self._face_id = np.flatnonzero(kept)
         self._corners = corners[kept]
         self._normals = normals[kept] / doubled_area[kept, None]
+        self._offsets_m = np.einsum("ni,ni->n", self._normals, self._corners[:, 0])
+        longest_m = np.linalg.norm(self._corners - np.roll(self._corners, 1, axis=1), axis=2).max(axis=1)
+        self._is_sliver = doubled_area[kept] < _SLIVER * longest_m**2
         self._radius_m = float(np.linalg.norm(vertices, axis=1).max())
         self._scene = EmbreeScene(device, robust=True)
         TriangleMesh(self._scene, self._corners.astype(np.float32))
@@ -177,9 +216,35 @@ class _Mesh:
         face_id = np.full(len(directions), -1)
         normals[hit] = self._normals[triangle[hit]]
         face_id[hit] = self._face_id[triangle[hit]]
-        corners = self._corners[triangle[hit]]
-        distance_m[hit] = _plane_distance(_of_rays(origin, hit), directions[hit], corners, normals[hit])
+        distance_m[hit] = self._distances(_of_rays(origin, hit), directions[hit], triangle[hit])
         return distance_m, normals, face_id
+
+    def stops(
+        self,
+        origin: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "n 3"],
+        entry_m: float,
+        within_m: Float[np.ndarray, "n"],
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether it stops rays before these distances, to single precision."""
+        starts = (origin + entry_m * directions).astype(np.float32)
+        lengths_m = np.maximum(within_m - entry_m, 0.0).astype(np.float32)
+        return self._scene.run(starts, directions.astype(np.float32), lengths_m, query="OCCLUDED") >= 0
+
+    def _distances(
+        self, origin: Origins, directions: Float[np.ndarray, "n 3"], triangle: Int[np.ndarray, "n"]
+    ) -> Float[np.ndarray, "n"]:
+        """Distances to the planes of triangles that are known to be hit."""
+        normals = self._normals[triangle]
+        slope = np.einsum("ni,ni->n", normals, directions)
+        above = self._offsets_m[triangle] - (normals @ origin if origin.ndim == 1 else np.sum(normals * origin, axis=1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance_m = above / slope
+        weak = np.flatnonzero(self._is_sliver[triangle] | (np.abs(slope) < _GRAZING))
+        distance_m[weak] = _plane_distance(
+            _of_rays(origin, weak), directions[weak], self._corners[triangle[weak]], normals[weak]
+        )
+        return np.maximum(distance_m, 0)
 
 
 def _of_rays(origin: Origins, rays: Int[np.ndarray, "n"]) -> Origins:

@@ -41,6 +41,11 @@ class Lens:
     airy_sigma_px: float
     """Standard deviation of the blur by diffraction."""
 
+    @property
+    def sharpest_sigma_px(self) -> float:
+        """Standard deviation of the blur of what is in focus."""
+        return float(np.sqrt(self.airy_sigma_px**2 + _PIXEL_VARIANCE))
+
     def blur_sigma_px(
         self, points_camera: Float[np.ndarray, "n 3"], pixels: Float[np.ndarray, "n 2"], camera: CameraModel
     ) -> Float[np.ndarray, "n"]:

@@ -1,7 +1,5 @@
 """All ghost stripes of a frame."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -25,9 +23,7 @@ class GhostTracer:
     def __init__(self, mirrors: Mirrors, camera: CameraModel, fan: LaserFan, reference: LightReference) -> None:
         """`camera` and `fan` are the actual ones, `mirrors` the scene's."""
         self._mirrors, self._camera, self._reference = mirrors, camera, reference
-        self._fan = replace(
-            fan, directions_camera=fan.directions_camera[::_EVERY], power_ratio=fan.power_ratio[::_EVERY]
-        )
+        self._fan = fan.thinned(_EVERY)
         self._corners_camera = _cone(camera)
 
     def ghosts(self, data: mujoco.MjData, T_base_camera: RigidTransform, section: LightSection) -> tuple[Ghost, ...]:

@@ -13,7 +13,7 @@ Power. A line lens (Powell's) spreads the light evenly over the angle; a cylinde
 here to have fallen to 1/e^2 at both ends of the fan. The light that falls on a surface thins out with 1/r.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -57,6 +57,11 @@ class LaserFan:
     """Power that each ray carries for its angle; 1 in the fan's middle."""
     sheet: LaserSheet
     """The sheet's thickness."""
+
+    def thinned(self, every: int) -> "LaserFan":
+        """Every so many-th of its rays."""
+        rays = slice(None, None, every)
+        return replace(self, directions_camera=self.directions_camera[rays], power_ratio=self.power_ratio[rays])
 
 
 def laser_fan(config: SensorConfig, plane: LaserPlane, source_camera: Float[np.ndarray, "3"]) -> LaserFan:

@@ -99,8 +99,8 @@ def reached(
     A ray that meets nothing at all (it may just pass a point on an edge) was not stopped either.
     """
     depth_m = np.linalg.norm(points_camera, axis=1)
-    first = caster.cast(data, centre_base, (points_camera / depth_m[:, None]) @ R_base_camera.T)
-    return ~first.hit | (first.distance_m > depth_m - _OCCLUSION_TOLERANCE_M)
+    rays_base = (points_camera / depth_m[:, None]) @ R_base_camera.T
+    return ~caster.blocked(data, centre_base, rays_base, depth_m - _OCCLUSION_TOLERANCE_M)
 
 
 def near_picture(camera: CameraModel, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:

@@ -39,6 +39,17 @@ class MujocoRays:
         self._model.body_bvhadr[:] = -1  # no bounding volumes: no culling by collision extent
         self._group_mask = np.eye(1, mujoco.mjNGROUP, dtype=np.uint8)[0]
 
+    def maybe_blocked(
+        self,
+        data: mujoco.MjData,
+        chosen: Bool[np.ndarray, "geoms"],
+        origin: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "n 3"],
+        within_m: Float[np.ndarray, "n"],
+    ) -> Bool[np.ndarray, "n"]:
+        """Every ray: MuJoCo has no quicker question than what is nearest."""
+        return np.ones(len(directions), dtype=bool)
+
     def nearest(
         self,
         data: mujoco.MjData,

@@ -13,11 +13,11 @@ Gaussian with correlation r between x and y (Mehler's expansion, from exp(r sigm
 with F, G the steps smoothed by sigma_x, sigma_y: an edge of height h becomes h Phi(z), z = (x - edge) / sigma, and
 sigma^n F^(n) = h He_(n-1)(-z) phi(z). Off the corners only n = 0 counts, and it is exact.
 
-Laser's light. The stripe before blur is a Gaussian ridge of width p across itself, the blur a Gaussian of width s. What
-a pixel at the distance e from the ridge sees of the board's laser light lies, across the stripe, about e p^2 / (p^2 + s^2)
-with the variance p^2 s^2 / (p^2 + s^2) (the product of two Gaussians), and along the stripe about the pixel with s^2. So
-the stripe's pixels are multiplied by the pattern's mean there: edges that cross the stripe askew move its centre, as
-they do in reality.
+Laser's light. The stripe before blur is a Gaussian ridge of width p across itself, the blur a Gaussian of width s.
+What a pixel at the distance e from the ridge sees of the board's laser light lies, across the stripe, about
+e p^2 / (p^2 + s^2) with the variance p^2 s^2 / (p^2 + s^2) (the product of two Gaussians), and along the stripe about
+the pixel with s^2. So the stripe's pixels are multiplied by the pattern's mean there: edges that cross the stripe askew
+move its centre, as they do in reality.
 
 Nothing may stand between camera and print; light that passes the board onto what lies behind is not touched by it.
 """
@@ -82,7 +82,9 @@ class PrintedBoards:
         if len(u) == 0:
             return laser
         ridge = self._ridge(stripe, pattern, T_camera_board)
-        here = np.isfinite(ridge.centre_px[(u + laser.first_column) if stripe.along == "rows" else (v + laser.first_row)])
+        here = np.isfinite(
+            ridge.centre_px[(u + laser.first_column) if stripe.along == "rows" else (v + laser.first_row)]
+        )
         v, u = v[here], u[here]
         pixel_u, pixel_v = u + laser.first_column, v + laser.first_row
         cut, along_cut = (pixel_u, pixel_v) if stripe.along == "rows" else (pixel_v, pixel_u)
@@ -134,9 +136,7 @@ class PrintedBoards:
 
     def _board_points(
         self, u: Int[np.ndarray, "n"], v: Int[np.ndarray, "n"], T_camera_board: RigidTransform
-    ) -> tuple[
-        Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]
-    ]:
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
         """Where pixels' rays meet the board (m), how that moves by a pixel along u and v, and the blur there (px)."""
         axes, origin = T_camera_board.rotation.as_matrix(), T_camera_board.translation
         rays = self._rays[v, u]
@@ -204,9 +204,7 @@ def _smoothed(
     return total
 
 
-def _near_edge(
-    steps: Steps, place: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"]
-) -> Bool[np.ndarray, "n"]:
+def _near_edge(steps: Steps, place: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
     after = np.clip(np.searchsorted(steps.edges_m, place), 1, len(steps.edges_m) - 1)
     away = np.minimum(np.abs(place - steps.edges_m[after - 1]), np.abs(place - steps.edges_m[after]))
     return away < _REACH_SIGMAS * sigma
@@ -227,9 +225,13 @@ def _on_plane(rays: Float[np.ndarray, "n 3"], T_camera_board: RigidTransform) ->
 
 def _pixel_rays(
     camera: CameraModel,
-) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width 3"]]:
+) -> tuple[
+    Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width 3"]
+]:
     """Every pixel's ray (x, y, 1), and its derivatives by u and by v."""
-    u_knots, v_knots = (np.linspace(-0.5, n - 0.5, n // _KNOT_SPACING_PX + 4) for n in (camera.width_px, camera.height_px))
+    u_knots, v_knots = (
+        np.linspace(-0.5, n - 0.5, n // _KNOT_SPACING_PX + 4) for n in (camera.width_px, camera.height_px)
+    )
     knots = camera.unproject(np.stack(np.meshgrid(u_knots, v_knots), axis=-1))
     u, v = np.arange(camera.width_px), np.arange(camera.height_px)
     rays, by_u, by_v = np.zeros((3, len(v), len(u), 3))

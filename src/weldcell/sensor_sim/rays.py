@@ -22,6 +22,8 @@ SCENE_GROUPS = (0, 1, 2)
 
 Backend = Literal["embree", "mujoco"]
 
+_LEAST_FAN = 1e-3  # rad between the first and the last ray of a fan
+_FLAT = 1e-9  # of a direction out of the plane: a nanometre in a metre, as the spheres grow by
 _UNIT_TOLERANCE = 1e-9  # far above rounding, far below a nanometre at the sensor's range
 
 
@@ -54,6 +56,15 @@ class _Tracer(Protocol):
         origin: Origins,
         directions: Float[np.ndarray, "n 3"],
     ) -> NearestHits: ...
+
+    def maybe_blocked(
+        self,
+        data: mujoco.MjData,
+        chosen: Bool[np.ndarray, "geoms"],
+        origin: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "n 3"],
+        within_m: Float[np.ndarray, "n"],
+    ) -> Bool[np.ndarray, "n"]: ...
 
 
 class RayCaster:
@@ -94,10 +105,34 @@ class RayCaster:
         chosen = self._seen & (self.reachable(data, origin, directions) if among is None else among)
         return _hits(origin, directions, self._tracer.nearest(data, chosen, origin, directions))
 
+    def blocked(
+        self,
+        data: mujoco.MjData,
+        origin: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "n 3"],
+        within_m: Float[np.ndarray, "n"],
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether anything stops rays from `origin` along unit `directions` (base frame) before these distances (m).
+
+        Exact as `cast`, but faster where most rays get through. Raises as `cast` does.
+        """
+        origin, directions = np.asarray(origin, dtype=float), np.asarray(directions, dtype=float)
+        _check_rays(origin, directions)
+        self._check_data(data)
+        if len(directions) == 0:
+            return np.zeros(0, dtype=bool)
+        chosen = self._seen & self.reachable(data, origin, directions)
+        blocked = self._tracer.maybe_blocked(data, chosen, origin, directions, within_m)
+        doubtful = np.flatnonzero(blocked)
+        if len(doubtful) > 0:
+            first = self.cast(data, origin, directions[doubtful], among=chosen)
+            blocked[doubtful] = first.hit & (first.distance_m <= within_m[doubtful])
+        return blocked
+
     def reachable(
         self, data: mujoco.MjData, origin: Origins, directions: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, "geoms"]:
-        """Whether a geom's bounding sphere touches the cone that holds all rays.
+        """Whether a geom's bounding sphere touches the cone that holds all rays, and their plane if they lie in one.
 
         Rays from within a ball about their mean origin are led from its centre: each geom grows by the ball's radius.
         """
@@ -112,7 +147,7 @@ class RayCaster:
             off_axis_rad = np.arccos(np.clip(offset @ axis / range_m, -1, 1))
             apparent_rad = np.arcsin(np.clip(radius_m / range_m, 0, 1))
         inside = ~(range_m > radius_m)
-        return inside | (off_axis_rad <= cone_rad + apparent_rad)
+        return (inside | (off_axis_rad <= cone_rad + apparent_rad)) & ~(_off_plane_m(offset, directions) > radius_m)
 
     def _check_data(self, data: mujoco.MjData) -> None:
         count = len(self._seen)
@@ -121,6 +156,17 @@ class RayCaster:
         rotations = data.geom_xmat.reshape(-1, 9)
         if not np.all(np.abs(np.einsum("ni,ni->n", rotations, rotations) - 3.0) < 1e-5):
             raise NotReady("rays: the scene's geoms have no poses yet; call mj_kinematics or mj_forward first")
+
+
+def _off_plane_m(
+    offset: Float[np.ndarray, "geoms 3"], directions: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "geoms"]:
+    """Distances of places (from the rays' origin) from the plane that the rays span; 0 if they span space."""
+    normal = np.cross(directions[0], directions[-1])
+    length = float(np.linalg.norm(normal))
+    if length < _LEAST_FAN or np.abs(directions @ normal).max() > _FLAT * length:
+        return np.zeros(len(offset))
+    return np.abs(offset @ normal) / length
 
 
 def _tracer(backend: Backend, model: mujoco.MjModel) -> _Tracer:

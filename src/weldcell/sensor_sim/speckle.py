@@ -97,6 +97,11 @@ class Speckle:
             _taps(self.correlation_across, self.across_px, self.contrast),
         )
 
+    @cached_property
+    def row_filter(self) -> Float[np.ndarray, "along"]:
+        """Filter that gives white noise the grain along the stripe and leaves it normal, for `correlated_rows`."""
+        return _taps(self.correlation_along, self.along_px, contrast=0.0)
+
     def correlation_along(self, lag_px: Float[np.ndarray, "*lags"]) -> Float[np.ndarray, "*lags"]:
         """Correlation of pixels this far apart along the stripe."""
         return pixel_covariance(lag_px, self.along_px) / pixel_covariance(np.zeros(1), self.along_px)
@@ -190,7 +195,7 @@ def correlated_rows(
     shape: tuple[int, int], speckle: Speckle, rng: np.random.Generator
 ) -> Float[np.ndarray, "rows along"]:
     """Standard normal numbers that are correlated along the stripe as its centres are, in independent rows."""
-    taps = _taps(speckle.correlation_along, speckle.along_px, contrast=0.0)
+    taps = speckle.row_filter
     white = normal_field((shape[0], shape[1] + len(taps) - 1), rng)
     reach = len(taps) // 2
     smooth = cv2.sepFilter2D(white, cv2.CV_32F, taps, np.ones(1, np.float32), borderType=cv2.BORDER_CONSTANT)

@@ -4,6 +4,8 @@ The picture and its place on the part (`models.surface_texture`) are in the mode
 the rendered picture shows too, and a custom number of the material's name with the box and the pixel's size.
 """
 
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
@@ -36,6 +38,18 @@ class SceneTextures:
     ) -> Float[np.ndarray, "n"]:
         """Brightness of surface points (m) relative to the plain material; 1 where the geom has no texture."""
         factor = np.ones(len(geom_id))
+        for texture, here, places_px in self.places(data, points_base, normals_base, geom_id):
+            factor[here] = texture.brightness(places_px)
+        return factor
+
+    def places(
+        self,
+        data: mujoco.MjData,
+        points_base: Float[np.ndarray, "n 3"],
+        normals_base: Float[np.ndarray, "n 3"],
+        geom_id: Int[np.ndarray, "n"],
+    ) -> Iterator[tuple[SurfaceTexture, Int[np.ndarray, "k"], Float[np.ndarray, "k 2"]]]:
+        """Each texture with the indices of the points that lie on it and their places in it."""
         for geom, texture in self._textures.items():
             here = np.flatnonzero(geom_id == geom)
             if len(here) == 0:
@@ -43,8 +57,7 @@ class SceneTextures:
             body = self._body_id[geom]  # the part's frame is its body's; the geom's is moved to the mesh's middle
             R_base_part = data.xmat[body].reshape(3, 3)
             points_part = (points_base[here] - data.xpos[body]) @ R_base_part
-            factor[here] = texture.factor(points_part, normals_base[here] @ R_base_part)
-        return factor
+            yield texture, here, texture.places_px(points_part, normals_base[here] @ R_base_part)
 
 
 def _grey(model: mujoco.MjModel, texture: int) -> np.ndarray:

@@ -12,9 +12,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from weldcell.cell.arm import NominalArm
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.frames import rigid_from
+from weldcell.cell.world.numerical_inverse import NumericalInverse, closed_form
 from weldcell.cell.world.robot_error import JOINTS
 
 _TURNS = 2 * np.pi * np.array([-1, 0, 1])  # joints whose range exceeds a turn have several readings for one angle
+_NEIGHBOUR_RAD = 0.3  # a solution this near on every joint needs no comparison with those of other configurations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +67,9 @@ class Controller:
 
         Raises OutOfReach if there are none.
         """
-        readings = self.all_inverse(T_base_flange)
+        readings = self._neighbours(T_base_flange, near_rad)
+        if not len(readings):
+            readings = self.all_inverse(T_base_flange)
         if not len(readings):
             place = ", ".join(f"{1e3 * x:.1f}" for x in T_base_flange.translation)
             raise OutOfReach(f"the arm cannot take the flange to ({place}) mm within its joint limits")
@@ -73,15 +77,38 @@ class Controller:
         return readings[np.argmin(effort)]
 
     def all_inverse(self, T_base_flange: RigidTransform) -> Float[np.ndarray, "n 6"]:
-        """All joint readings within limits that take the flange there."""
+        """All joint readings within limits that take the flange there; without a closed form, those that are found."""
+        angles_rad = self._closed(T_base_flange) if self.has_closed_form else self._numerical.all(T_base_flange)
+        readings = [self._unwrapped(q) for q in angles_rad]
+        return np.concatenate(readings) if readings else np.empty((0, JOINTS))
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether the inverse is exact and complete (spherical wrist, three parallel axes and the like)."""
+        return bool(self._solver.hasKnownDecomposition())
+
+    def wrist_sine(self, joints_rad: Float[np.ndarray, "6"]) -> float:
+        """Sine of the angle between axes 4 and 6: 0 where the wrist is stretched, whichever way joint 5 counts."""
+        fifth = Rotation.from_rotvec(joints_rad[4] * self.axes_base[4])
+        return float(np.linalg.norm(np.cross(self.axes_base[3], fifth.apply(self.axes_base[5]))))
+
+    def _closed(self, T_base_flange: RigidTransform) -> Float[np.ndarray, "n 6"]:
         T_base_last = T_base_flange.as_matrix()
         T_base_last[:3, :3] = T_base_last[:3, :3] @ self.T_base_flange_zero.rotation.inv().as_matrix()
         solutions = self._solver.IK(T_base_last)
         if not solutions.num_solutions():
             return np.empty((0, JOINTS))
-        exact = solutions.Q[~np.asarray(solutions.is_LS, bool)]
-        readings = [self._unwrapped(q) for q in exact]
-        return np.concatenate(readings) if readings else np.empty((0, JOINTS))
+        return solutions.Q[~np.asarray(solutions.is_LS, bool)]
+
+    def _neighbours(self, T_base_flange: RigidTransform, near_rad: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n 6"]:
+        """For an arm without a closed form, the solution close by: what paths mostly ask for, many times cheaper."""
+        if self.has_closed_form:
+            return np.empty((0, JOINTS))
+        near_rad = np.asarray(near_rad, float)
+        readings = self._numerical.near(T_base_flange, near_rad[None])
+        low, high = self.limits_rad.T
+        close = np.abs(readings - near_rad).max(axis=1) < _NEIGHBOUR_RAD
+        return readings[close & np.all((readings >= low) & (readings <= high), axis=1)]
 
     def _unwrapped(self, joints_rad: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n 6"]:
         """All readings within limits that show the same joint angles."""
@@ -92,8 +119,13 @@ class Controller:
 
     @cached_property
     def _solver(self) -> HPRobot:
-        offsets = np.diff(np.vstack([np.zeros(3), self.anchors_base, self.T_base_flange_zero.translation]), axis=0)
-        return HPRobot(self.axes_base, offsets)
+        return closed_form(self.axes_base, self.anchors_base, self.T_base_flange_zero)
+
+    @cached_property
+    def _numerical(self) -> NumericalInverse:
+        return NumericalInverse(
+            axes_base=self.axes_base, anchors_base=self.anchors_base, T_base_flange_zero=self.T_base_flange_zero
+        )
 
 
 def nominal_arm(controller: Controller, model: mujoco.MjModel) -> NominalArm:

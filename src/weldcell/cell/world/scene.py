@@ -15,6 +15,7 @@ from weldcell.cell.world.robot_error import JOINTS, RobotError, exact_robot
 from weldcell.models.arm import KR5_ARC, build_arm
 from weldcell.models.board import Board
 from weldcell.models.boss import boss
+from weldcell.models.own_arm import OwnArm, build_own_arm
 from weldcell.models.room import BENCH_TOP_M, build_room
 from weldcell.models.sensor_head import HeadDesign, build_sensor_head
 from weldcell.models.sphere import sphere_stand
@@ -33,7 +34,9 @@ SHELF = {
 }
 """Where parts stand while they are not in use."""
 
-_AWAY = translation([-1.0, -1.6, 0.1])
+AWAY = translation([-1.0, -1.6, 0.1])
+"""Where boards lie while they are not in use."""
+
 _BODIES = {"sphere": "stand/sphere_stand", "plate": "v_groove_plate", "boss": "boss"}
 
 
@@ -83,14 +86,20 @@ def head_design(config: SensorConfig) -> HeadDesign:
     )
 
 
-def build_cell(parts: Parts, head: HeadDesign, error: RobotError | None, boards: Sequence[Board] = ()) -> Cell:
+def build_cell(
+    parts: Parts,
+    head: HeadDesign,
+    error: RobotError | None,
+    boards: Sequence[Board] = (),
+    own_arm: OwnArm | None = None,
+) -> Cell:
     """The cell with an actual robot; without error the one that the controller knows, which keeps its clearance.
 
-    `boards` lie on the floor behind the arm until they are placed.
+    `boards` lie on the floor behind the arm until they are placed. `own_arm` stands in the place of the cell's arm.
     """
     actual = exact_robot() if error is None else error
     spec = build_room()
-    arm = build_arm(KR5_ARC)
+    arm = build_arm(KR5_ARC) if own_arm is None else build_own_arm(own_arm)
     _misbuild(arm, actual)
     spec.attach(arm, prefix="arm/", frame=spec.worldbody.add_frame())
     for prefix, tool in (
@@ -102,19 +111,21 @@ def build_cell(parts: Parts, head: HeadDesign, error: RobotError | None, boards:
     parts.boss.add_to(spec, SHELF["boss"])
     stand = sphere_stand(parts.sphere_radius_m, centre_height_m=_POST_M, crank_m=0.0)
     spec.attach(stand, prefix="stand/", frame=spec.worldbody.add_frame(pos=SHELF["sphere"].translation))
-    for name in _BODIES.values():
+    bodies = _BODIES | {"plate": parts.plate.name}
+    for name in bodies.values():
         spec.body(name).mocap = True
     for board in boards:
-        board.add_to(spec, _AWAY)
+        board.add_to(spec, AWAY)
     model = spec.compile()
     if error is None:
         model.geom_margin[model.geom_group > 0] = CLEARANCE_M
-    return Cell(model, actual, _BODIES | {board.name: board.name for board in boards})
+    return Cell(model, actual, bodies | {board.name: board.name for board in boards})
 
 
-def build_controller(known_cell: Cell) -> Controller:
+def build_controller(known_cell: Cell, own_arm: OwnArm | None = None) -> Controller:
     """The controller of the arm that the known cell holds."""
-    return Controller.from_model(known_cell.model, np.array(KR5_ARC.speeds_rad_s))
+    speeds_rad_s = np.array(KR5_ARC.speeds_rad_s) if own_arm is None else own_arm.speeds_rad_s
+    return Controller.from_model(known_cell.model, speeds_rad_s)
 
 
 def _misbuild(arm: mujoco.MjSpec, error: RobotError) -> None:

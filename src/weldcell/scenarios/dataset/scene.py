@@ -47,7 +47,7 @@ class PlateScene:
         self._model = _compiled(plate, self._T_base_part, 1e-3 * config.calibration.tip_radius_mm)
         self._data = mujoco.MjData(self._model)
         self._head = head_design(config.sensor)
-        sensor, self._seed = config.sensor, seed
+        sensor, self._seed, self._speed_mm_s = config.sensor, seed, config.seam.speed_mm_s
         source_camera = nominal_source_camera(sensor)
         self._sensor = LineSensor(
             sensor, nominal_camera(sensor), nominal_plane(sensor), source_camera, self._model, seed=seed
@@ -75,7 +75,11 @@ class PlateScene:
         light = self._sensor.light(
             self._data,
             T_base_flange * self._head.T_flange_camera,
-            Moment(time_s=_LONG_AFTER_S, T_base_torch=T_base_flange * T_FLANGE_TORCH),
+            Moment(
+                time_s=_LONG_AFTER_S,
+                T_base_torch=T_base_flange * T_FLANGE_TORCH,
+                T_begin_end=self._motion(1e-3 * plan.exposure_ms),
+            ),
             exposure=exposure,
             script=self._sensor.scripted(plan.disturbances, own_seed, plan.exposure_ms),
         )
@@ -117,6 +121,12 @@ class PlateScene:
         crossing_base = place + 1e-3 * (plan.lateral_mm * left + np.array([0.0, 0.0, plan.height_mm]))
         rotation = tilt(plan, heading_rad) * T_FLANGE_TORCH.rotation.inv()
         return flange_at(crossing_base, rotation, self._head.crossing_flange)
+
+    def _motion(self, exposure_s: float) -> RigidTransform:
+        """How the camera moves along the torch's direction of travel meanwhile, in its own frame."""
+        travel_torch = np.array([1e-3 * self._speed_mm_s * exposure_s, 0.0, 0.0])
+        R_camera_torch = self._head.T_flange_camera.rotation.inv() * T_FLANGE_TORCH.rotation
+        return rigid_from(Rotation.identity(), R_camera_torch.apply(travel_torch))
 
     def _place_torch(self, T_base_flange: RigidTransform) -> None:
         tool = int(self._model.body(_TOOL).mocapid[0])

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.optics import CameraModel
@@ -180,6 +180,12 @@ def irradiance(arc: ArcLight, seen: SeenCells, free_m: Float[np.ndarray, "n"]) -
     distance_m = np.maximum(np.linalg.norm(to_arc, axis=1), _NEAREST_M)
     cosine = np.maximum(np.einsum("ni,ni->n", seen.normals_base, to_arc) / distance_m, 0.0)
     return arc.intensity * cosine / distance_m**2 * (free_m > distance_m - _SHADE_TOLERANCE_M)
+
+
+def reaches(arc: ArcLight, seen: SeenCells, free_m: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """Whether the arc's light arrives at each point; `free_m` as for `lit_radiance`, 0 where a surface faces away."""
+    distance_m = np.linalg.norm(arc.position_base - seen.points_base, axis=1)
+    return (free_m > 0) & (free_m > distance_m - _SHADE_TOLERANCE_M)
 
 
 def glare_radiance(arc: ArcLight, view: CoarseView, T_base_camera: RigidTransform) -> Float[np.ndarray, "n"]:

@@ -1,6 +1,6 @@
 """The picture in coarse cells: what the camera sees in each, and fields of cells blown up to the whole picture.
 
-The weld's light is smooth (its sources are millimetres wide), so cells of some 40 pixels hold it.
+Glare and fume are smooth, so cells of some 40 pixels hold them.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,6 @@ from weldcell.cell.errors import BadGeometry
 from weldcell.cell.optics import CameraModel
 from weldcell.sensor_sim.rays import RayCaster
 
-_FLAT_RATIO, _FLAT_GREY = 0.03, 0.02  # contrast below which a picture shows no detail
 FARTHEST_M = 1.0
 """How far light of the weld and fume are followed."""
 
@@ -58,46 +57,12 @@ class CoarseView:
     def look(self, caster: RayCaster, data: mujoco.MjData, T_base_camera: RigidTransform) -> SeenCells:
         """What the camera sees from `T_base_camera`."""
         directions_base = self.directions_camera @ T_base_camera.rotation.as_matrix().T
-        centre_base = T_base_camera.translation
-        hits = caster.cast(data, centre_base, directions_base)
-        near = hits.hit & (hits.distance_m < FARTHEST_M)
-        range_m = np.where(near, hits.distance_m, FARTHEST_M)
-        return SeenCells(
-            centre_base=centre_base,
-            points_base=centre_base + range_m[:, None] * directions_base,
-            normals_base=np.where(near[:, None], hits.normals, 0.0),
-            range_m=range_m,
-            geom_id=np.where(near, hits.geom_id, -1),
-        )
+        return seen_along(directions_base, caster, data, T_base_camera)
 
     def whole(self, field: Float[np.ndarray, "n"]) -> Float[np.ndarray, "height width"]:
         """A field of the cells over the whole picture (float32), linear between the cells' middles."""
         cells = field.reshape(self.rows, self.columns).astype(np.float32)
         return np.asarray(cv2.resize(cells, self._size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-
-    def detail(
-        self, field: Float[np.ndarray, "n"], guide: Float[np.ndarray, "height width"]
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-        """Slope and offset by which a picture of the same surfaces gives a field of the cells its edges and texture.
-
-        Slope times picture plus offset is the field at the cells' middles. The slope is that of a line through the
-        nine cells about each one, as in the guided filter (He and Sun, Fast guided filter, arXiv 1505.00996, 2015),
-        but where these are alike it tends to proportion instead of to 0: what is dark there is dark here.
-        """
-        cells = field.reshape(self.rows, self.columns)
-        seen = guide[self._middles[:, 1], self._middles[:, 0]].astype(float).reshape(self.rows, self.columns)
-        mean_seen, mean_cells, mean_product, mean_square = (
-            cv2.blur(values, (3, 3)) for values in (seen, cells, seen * cells, seen * seen)
-        )
-        flat = (_FLAT_RATIO * mean_seen) ** 2
-        covariance = mean_product - mean_seen * mean_cells + _FLAT_RATIO**2 * mean_seen * mean_cells
-        slope = covariance / (np.maximum(mean_square - mean_seen**2, 0) + flat + _FLAT_GREY**2)
-        return slope.reshape(-1), (cells - slope * seen).reshape(-1)
-
-    def floor(self, field: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Half of the smallest value around each cell: what lies below is no detail but its line drawn too far."""
-        cells = cv2.erode(field.reshape(self.rows, self.columns), np.ones((3, 3), np.uint8))
-        return np.asarray(0.5 * cells).reshape(-1)
 
     def at(self, field: Float[np.ndarray, "n"], pixels: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k"]:
         """A field of the cells at some pixels, linear between the cells' middles."""
@@ -109,6 +74,23 @@ class CoarseView:
         above = (1 - u) * cells[row, column] + u * cells[row, column + 1]
         below = (1 - u) * cells[row + 1, column] + u * cells[row + 1, column + 1]
         return (1 - v) * above + v * below
+
+
+def seen_along(
+    directions_base: Float[np.ndarray, "n 3"], caster: RayCaster, data: mujoco.MjData, T_base_camera: RigidTransform
+) -> SeenCells:
+    """What a camera sees along unit directions."""
+    centre_base = T_base_camera.translation
+    hits = caster.cast(data, centre_base, directions_base)
+    near = hits.hit & (hits.distance_m < FARTHEST_M)
+    range_m = np.where(near, hits.distance_m, FARTHEST_M)
+    return SeenCells(
+        centre_base=centre_base,
+        points_base=centre_base + range_m[:, None] * directions_base,
+        normals_base=np.where(near[:, None], hits.normals, 0.0),
+        range_m=range_m,
+        geom_id=np.where(near, hits.geom_id, -1),
+    )
 
 
 def _between(pixels: Float[np.ndarray, "k"], size: int, count: int) -> tuple[np.ndarray, np.ndarray]:

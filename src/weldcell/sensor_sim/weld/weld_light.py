@@ -16,10 +16,8 @@ from weldcell.cell.configuration import SensorConfig
 from weldcell.cell.optics import CameraModel
 from weldcell.sensor_sim.focus import lens
 from weldcell.sensor_sim.laser import LaserFan
-from weldcell.sensor_sim.materials import geom_materials
 from weldcell.sensor_sim.rays import RayCaster
 from weldcell.sensor_sim.stripe import StripeOptics, StripePieces
-from weldcell.sensor_sim.texture import SceneTextures
 from weldcell.sensor_sim.weld.arc import (
     ArcFlicker,
     ArcLight,
@@ -29,11 +27,11 @@ from weldcell.sensor_sim.weld.arc import (
     arc_seen,
     free_ways_m,
     glare_radiance,
-    lit_radiance,
     unit,
 )
 from weldcell.sensor_sim.weld.coarse_view import CoarseView, SeenCells
 from weldcell.sensor_sim.weld.fume import FumeCloud, light_sheet, pieces_of, scattered_arc
+from weldcell.sensor_sim.weld.lit_surfaces import LitSurfaces
 from weldcell.sensor_sim.weld.photometry import photometry
 from weldcell.sensor_sim.weld.spatter import Droplets, glowing, landing_age_s
 from weldcell.sensor_sim.weld.spatter_streaks import spatter_streaks
@@ -69,8 +67,8 @@ class WeldPicture:
     """The cells."""
     left: Float[np.ndarray, "n"] | None = None
     """What fume leaves of light from the surfaces to the camera."""
-    lit_grey: Float[np.ndarray, "n"] | None = None
-    """Surfaces in the arc's light as the camera sees them, levels of 255 at 1 ms."""
+    lit_grey: Float[np.ndarray, "height width"] | None = None
+    """Surfaces in the arc's light, pixel by pixel (float32), levels of 255 at 1 ms."""
     veil_grey: Float[np.ndarray, "n"] | None = None
     """Glare and light scattered by fume, levels of 255 at 1 ms."""
     laser_left: Float[np.ndarray, "n"] | None = None
@@ -100,16 +98,10 @@ class WeldPicture:
 
     def _lit(self, grey: Float[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
         """The cell's and the arc's light on the surfaces, less what fume takes."""
-        if self.lit_grey is None and self.left is None:
-            return grey
-        slope, offset = np.zeros(len(self.view.pixels)), np.zeros(len(self.view.pixels))
         if self.lit_grey is not None:
-            slope, offset = self.view.detail(self.lit_grey, grey)
-        left = 1.0 if self.left is None else self.left
-        cv2.multiply(grey, self.view.whole(left * (1 + slope)), dst=grey)
-        if self.lit_grey is not None:
-            cv2.add(grey, self.view.whole(left * offset), dst=grey)
-            cv2.max(grey, self.view.whole(left * self.view.floor(self.lit_grey)), dst=grey)
+            cv2.add(grey, self.lit_grey, dst=grey)
+        if self.left is not None:
+            cv2.multiply(grey, self.view.whole(self.left), dst=grey)
         return grey
 
 
@@ -132,7 +124,7 @@ class WeldLight:
         self._source_camera = fan.source_camera
         self._flicker, self._cloud = ArcFlicker(seed), FumeCloud(seed)
         self._caster, self._work = RayCaster(model), RayCaster(model, groups=_WORKPIECES)
-        self._materials, self._textures = geom_materials(model), SceneTextures(model)
+        self._surfaces = LitSurfaces(camera, model, self._caster, self._work)
 
     def picture(
         self, state: WeldState, data: mujoco.MjData, T_base_camera: RigidTransform, T_base_torch: RigidTransform
@@ -163,12 +155,8 @@ class WeldLight:
         """What stands where: one set of rays from the camera, one from the arc."""
         seen = self._view.look(self._caster, data, T_base_camera)
         droplets = state.droplets.chosen(glowing(state.droplets, state.window_s[0]))
-        to_cells, to_camera = seen.points_base - arc.position_base, seen.centre_base - arc.position_base
-        facing = (np.einsum("ni,ni->n", seen.normals_base, to_cells) < 0) & (state.arc > 0)
-        ways = np.vstack([to_camera, to_cells[facing], droplets.velocity_base])
-        free_m = free_ways_m(arc, unit(ways), self._work, data)
-        free_to_cells_m = np.zeros(len(to_cells))
-        free_to_cells_m[facing] = free_m[1 : len(ways) - len(droplets.birth_s)]
+        to_camera = seen.centre_base - arc.position_base
+        free_m = free_ways_m(arc, unit(np.vstack([to_camera, droplets.velocity_base])), self._work, data)
         return _Moment(
             state=replace(state, droplets=droplets),
             arc=arc,
@@ -177,8 +165,7 @@ class WeldLight:
             data=data,
             tip_below_m=float(arc.position_base[2] - T_base_torch.translation[2]),
             free_to_camera_m=float(free_m[0]),
-            free_to_cells_m=free_to_cells_m,
-            free_to_droplets_m=free_m[len(ways) - len(droplets.birth_s) :],
+            free_to_droplets_m=free_m[1:],
         )
 
     def _with_fume(self, picture: WeldPicture, moment: "_Moment") -> WeldPicture:
@@ -205,8 +192,8 @@ class WeldLight:
     def _with_arc(self, picture: WeldPicture, moment: "_Moment") -> WeldPicture:
         """What the arc lights; its glare and the arc itself, if the camera sees it."""
         arc, seen, grey = moment.arc, moment.seen, self._response.grey_per_radiance
-        texture = self._textures.factor(moment.data, seen.points_base, seen.normals_base, seen.geom_id)
-        lit = grey * texture * lit_radiance(arc, seen, self._materials, moment.free_to_cells_m)
+        lit = self._surfaces.radiance(arc, moment.data, moment.T_base_camera) * np.float32(grey)
+        cv2.GaussianBlur(lit, (0, 0), self._glass.sharpest_sigma_px, dst=lit)
         picture = replace(picture, lit_grey=lit)
         if not arc_seen(arc, seen.centre_base, moment.free_to_camera_m):
             return picture
@@ -247,7 +234,5 @@ class _Moment:
     """Height of the arc over the torch's tip."""
     free_to_camera_m: float
     """How far the way from the arc to the camera is free."""
-    free_to_cells_m: Float[np.ndarray, "n"]
-    """The same towards each cell's surface; 0 where that faces away, or without an arc."""
     free_to_droplets_m: Float[np.ndarray, "k"]
     """The same where each droplet flies."""

@@ -1,0 +1,63 @@
+"""The surfaces in the arc's light as the camera sees them, pixel by pixel, with their texture."""
+
+import cv2
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial.transform import RigidTransform
+
+from weldcell.cell.optics import CameraModel
+from weldcell.sensor_sim.materials import geom_materials
+from weldcell.sensor_sim.rays import RayCaster
+from weldcell.sensor_sim.texture import SceneTextures
+from weldcell.sensor_sim.weld.arc import ArcLight, free_ways_m, lit_radiance, reaches, unit
+from weldcell.sensor_sim.weld.coarse_view import SeenCells, seen_along
+from weldcell.sensor_sim.weld.fine_view import fine_view
+
+
+class LitSurfaces:
+    """A camera's view of what the arc lights in a scene; one for each thread."""
+
+    def __init__(self, camera: CameraModel, model: mujoco.MjModel, caster: RayCaster, work: RayCaster) -> None:
+        """`caster` has all that the camera sees, `work` what stops the arc's light."""
+        self._view, self._caster, self._work = fine_view(camera), caster, work
+        self._materials, self._textures = geom_materials(model), SceneTextures(model)
+
+    def radiance(
+        self, arc: ArcLight, data: mujoco.MjData, T_base_camera: RigidTransform
+    ) -> Float[np.ndarray, "height width"]:
+        """What each pixel sees, W/(m^2 sr)."""
+        R_base_camera = T_base_camera.rotation.as_matrix()
+        seen = seen_along(self._view.rays_camera @ R_base_camera.T, self._caster, data, T_base_camera)
+        plain, lit = self._plain(arc, seen, data)
+        picture, places = self._view.whole(plain), np.zeros((len(plain), 2))
+        for texture, here, places_px in self._textures.places(data, seen.points_base, seen.normals_base, seen.geom_id):
+            places[here] = places_px
+            whole_u, whole_v = (self._view.whole(np.where(_mask(here, len(plain)), places[:, k], -1.0)) for k in (0, 1))
+            grey = cv2.remap(
+                texture.grey.astype(np.float32), whole_u, whole_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+            on_it = self._view.whole(_mask(here, len(plain)).astype(float)) > 0.999
+            cv2.multiply(picture, np.where(on_it, grey / np.float32(255), np.float32(1)), dst=picture)
+        rows, columns = self._view.rough(seen, lit, places)
+        rays_base = self._view.rays(rows, columns) @ R_base_camera.T
+        single = seen_along(rays_base, self._caster, data, T_base_camera)
+        texture_there = self._textures.factor(data, single.points_base, single.normals_base, single.geom_id)
+        picture[rows, columns] = self._plain(arc, single, data)[0] * texture_there
+        return picture
+
+    def _plain(
+        self, arc: ArcLight, seen: SeenCells, data: mujoco.MjData
+    ) -> tuple[Float[np.ndarray, "n"], Bool[np.ndarray, "n"]]:
+        """Radiance without texture, and whether the arc's light arrives."""
+        to_points = seen.points_base - arc.position_base
+        facing = np.einsum("ni,ni->n", seen.normals_base, to_points) < 0
+        free_m = np.zeros(len(to_points))
+        free_m[facing] = free_ways_m(arc, unit(to_points[facing]), self._work, data)
+        return lit_radiance(arc, seen, self._materials, free_m), reaches(arc, seen, free_m)
+
+
+def _mask(indices: np.ndarray, count: int) -> Bool[np.ndarray, "n"]:
+    mask = np.zeros(count, bool)
+    mask[indices] = True
+    return mask
