@@ -149,6 +149,15 @@ def free_ways_m(
     return np.where(hits.hit, hits.distance_m, np.inf)
 
 
+def shaded(
+    arc: ArcLight, points_base: Float[np.ndarray, "n 3"], caster: RayCaster, data: mujoco.MjData
+) -> Bool[np.ndarray, "n"]:
+    """Whether something stands between the arc and each point."""
+    to_points = points_base - arc.position_base
+    within_m = np.linalg.norm(to_points, axis=1) - _SHADE_TOLERANCE_M
+    return caster.blocked(data, arc.position_base, unit(to_points), np.maximum(within_m, 0))
+
+
 def arc_seen(arc: ArcLight, centre_base: Float[np.ndarray, "3"], free_m: float) -> bool:
     """Whether no surface hides the arc from the camera's centre, the way from the arc being free that far."""
     return bool(free_m > np.linalg.norm(arc.position_base - centre_base) - _SHADE_TOLERANCE_M)

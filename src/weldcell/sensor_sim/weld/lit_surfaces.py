@@ -10,7 +10,7 @@ from weldcell.cell.optics import CameraModel
 from weldcell.sensor_sim.materials import geom_materials
 from weldcell.sensor_sim.rays import RayCaster
 from weldcell.sensor_sim.texture import SceneTextures
-from weldcell.sensor_sim.weld.arc import ArcLight, free_ways_m, lit_radiance, reaches, unit
+from weldcell.sensor_sim.weld.arc import ArcLight, lit_radiance, reaches, shaded
 from weldcell.sensor_sim.weld.coarse_view import SeenCells, seen_along
 from weldcell.sensor_sim.weld.fine_view import fine_view
 
@@ -53,7 +53,7 @@ class LitSurfaces:
         to_points = seen.points_base - arc.position_base
         facing = np.einsum("ni,ni->n", seen.normals_base, to_points) < 0
         free_m = np.zeros(len(to_points))
-        free_m[facing] = free_ways_m(arc, unit(to_points[facing]), self._work, data)
+        free_m[facing] = np.where(shaded(arc, seen.points_base[facing], self._work, data), 0.0, np.inf)
         return lit_radiance(arc, seen, self._materials, free_m), reaches(arc, seen, free_m)
 
 
