@@ -1,4 +1,4 @@
-"""Predicted covariance against Monte Carlo: every standard deviation's ratio, and how often 95 % regions hold the truth."""
+"""Predicted covariance against Monte Carlo: each standard deviation, and how often 95 % regions hold the truth."""
 
 from collections.abc import Callable
 

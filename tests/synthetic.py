@@ -157,3 +157,17 @@ def board_sights(
         T_flange_camera=T_flange_camera,
         T_base_board=T_base_board,
     )
+
+
+def pivot_poses(
+    rng: np.random.Generator,
+    count: int = 8,
+    *,
+    tip_flange: np.ndarray = TIP_FLANGE,
+    point_base: np.ndarray = SPHERE_BASE,
+    tilt_deg: float = 40.0,
+) -> RigidTransform:
+    """Flange poses in which the tip is at one point exactly."""
+    tilts = rng.uniform(-1, 1, (count, 3)) * np.deg2rad(tilt_deg)
+    R_base_flange = Rotation.from_rotvec(tilts) * torch_down()
+    return rigid_from(R_base_flange, point_base - R_base_flange.apply(tip_flange))

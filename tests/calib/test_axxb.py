@@ -6,8 +6,9 @@ from scipy.optimize import approx_fprime
 from scipy.spatial.transform import Rotation
 
 import synthetic
-from weldcell.calib.axxb import BoardHandEyeProblem, _model, _whitening, solve
+from weldcell.calib.axxb import BoardHandEyeProblem, solve
 from weldcell.calib.axxb_methods import METHODS, motions
+from weldcell.calib.axxb_model import board_model
 from weldcell.calib.sight_model import perturbation
 from weldcell.cell.errors import BadInput
 from weldcell.cell.frames import difference, rigid_from
@@ -33,8 +34,8 @@ def test_exact_boards_give_the_exact_camera(method, seed):
 def test_derivatives_agree_with_differences():
     rng = np.random.default_rng(1)
     seen = synthetic.board_sights(rng, 4, turn_sigma_rad=2e-2, shift_sigma_m=2e-3)
-    given = problem(seen)
-    model = _model(given, seen.T_flange_camera, seen.T_base_board, _whitening(given, seen.T_flange_camera))
+    whitening = rng.normal(size=(4, 6, 6))
+    model = board_model(seen.T_base_flange, seen.T_camera_board, seen.T_flange_camera, seen.T_base_board, whitening)
     at = rng.normal(0, 0.02, 12)
     slopes = approx_fprime(at, lambda p: model(p)[0].ravel(), 1e-7)
     jacobian = model(at)[1].reshape(24, 12)
@@ -43,30 +44,30 @@ def test_derivatives_agree_with_differences():
 
 @pytest.mark.parametrize("method", ["daniilidis", "joint"])
 def test_errors_scatter_as_the_covariance_says(method):
-    """40 trials for the closed forms, 150 for the joint estimate: chi2 of 6 has a mean of 6."""
+    """25 trials for the closed forms, 100 for the joint estimate: chi2 of 6 has a mean of 6."""
     rng = np.random.default_rng(2)
     exact = synthetic.board_sights(rng, 10)
     turn_rad, shift_m = 4e-4, 2e-4
     covariances = np.broadcast_to(np.diag(np.repeat([turn_rad**2, shift_m**2], 3)), (10, 6, 6))
     chi2 = []
-    for _ in range(150 if method == "joint" else 40):
+    for _ in range(100 if method == "joint" else 25):
         turned = Rotation.from_rotvec(rng.normal(0, turn_rad, (10, 3))) * exact.T_camera_board.rotation
         board = rigid_from(turned, exact.T_camera_board.translation + rng.normal(0, shift_m, (10, 3)))
         sigmas = {"covariances_camera": covariances, "pose_sigma_m": 1e-9, "pose_sigma_rad": 1e-9}
         found = solve(problem(replace(exact, T_camera_board=board), method=method, **sigmas))
         error = perturbation(exact.T_flange_camera, found.T_flange_camera)
         chi2.append(error @ np.linalg.solve(found.covariance, error))
-    # the covariance never shrinks below the promised one: up to 10 % less than 6; scatter of the mean 5 and 9 %
+    # the covariance never shrinks below the promised one: up to 10 % less than 6; scatter of the mean 6 and 12 %
     assert 4.6 < np.mean(chi2) < 7.2
 
 
 def test_the_joint_estimate_beats_every_closed_form():
-    """Root mean square over 40 trials, with errors as a board of 70 corners shows them: depth and tilt are worst."""
+    """Root mean square over 20 trials, with errors as a board of 70 corners shows them: depth and tilt are worst."""
     rng = np.random.default_rng(3)
     sigma = np.array([1e-3, 1e-3, 1e-4, 2e-5, 2e-5, 3e-4])
     exact = synthetic.board_sights(rng, 12)
     squares = {name: [] for name in (*METHODS, "joint")}
-    for _ in range(40):
+    for _ in range(20):
         error = rng.normal(size=(12, 6)) * sigma
         turned = Rotation.from_rotvec(error[:, :3]) * exact.T_camera_board.rotation
         seen = replace(exact, T_camera_board=rigid_from(turned, exact.T_camera_board.translation + error[:, 3:]))
@@ -140,6 +141,7 @@ def test_one_gross_picture_hardly_pulls_the_joint_estimate_and_is_named():
     clean = solve(problem(seen))
     clean_m = difference(clean.T_flange_camera, exact.T_flange_camera)[1]
     assert difference(found.T_flange_camera, exact.T_flange_camera)[1] < 2 * clean_m + 1e-3
+    assert np.flatnonzero(~found.sound).tolist() == [4]
     assert found.verdict != "accepted" and any(reason.startswith("picture 4 ") for reason in found.reasons)
 
 
@@ -148,4 +150,4 @@ def test_input_that_does_not_belong_together_is_named():
     with pytest.raises(BadInput, match="12 flange poses"):
         BoardHandEyeProblem(T_base_flange=seen.T_base_flange, T_camera_board=seen.T_camera_board[:-1])
     with pytest.raises(BadInput, match="covariances of shape"):
-        problem(seen, covariances_camera=np.zeros((12, 3, 3)))
+        problem(seen, covariances_camera=np.zeros((11, 6, 6)))

@@ -45,7 +45,7 @@ def test_four_touches_from_the_axes_by_hand():
     tips = np.array([1.0, 2.0, 3.0]) + 1.5 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     poses = rigid_from(Rotation.identity(4), tips)
     given_ = {"tip_flange": np.zeros(3), "radius_m": 1.0, "tip_radius_m": 0.5, "estimate_tip": False, "sigma_m": 0.1}
-    found = solve(problem(poses, **given_))
+    found = solve(problem(poses, robust=False, **given_))
     assert found.centre_base == pytest.approx([1, 2, 3], abs=1e-12)
     # x seen twice, y and z once; J'J = diag(2, 1, 1) / sigma^2
     assert np.diag(found.covariance)[:3] == pytest.approx([0.005, 0.01, 0.01], rel=1e-9)
@@ -105,6 +105,24 @@ def test_outliers_hardly_pull():
     plain_error_m = np.linalg.norm(plain.centre_base - synthetic.SPHERE_BASE)
     assert robust_error_m < 1e-4 and robust_error_m < plain_error_m / 3
     assert robust.verdict != "accepted" and any(reason.startswith("touch ") for reason in robust.reasons)
+
+
+@pytest.mark.parametrize("estimate_tip", [False, True])
+def test_three_in_ten_gross_touches_are_named_and_cost_less_than_twice_the_clean_error(estimate_tip):
+    clean_m, found_m = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        poses = synthetic.moved(synthetic.touch_poses(rng), rng, 1e-4)
+        wrong = np.isin(np.arange(60), rng.choice(60, 18, replace=False))
+        push = rng.normal(size=(60, 3))
+        push *= rng.uniform(2e-3, 2e-2, (60, 1)) / np.linalg.norm(push, axis=1, keepdims=True)
+        spoilt = rigid_from(poses.rotation, poses.translation + push * wrong[:, None])
+        clean, found = (solve(problem(one, estimate_tip=estimate_tip)) for one in (poses, spoilt))
+        outward = np.abs(found.residual_m) > 1e-3  # a push along the sphere's surface is none
+        assert np.all(~found.sound[wrong & outward]) and np.mean(found.sound[~wrong]) > 0.95
+        clean_m.append(np.linalg.norm(clean.centre_base - synthetic.SPHERE_BASE))
+        found_m.append(np.linalg.norm(found.centre_base - synthetic.SPHERE_BASE))
+    assert np.sqrt(np.mean(np.square(found_m))) < 2 * np.sqrt(np.mean(np.square(clean_m)))
 
 
 def test_touches_in_one_orientation_cannot_tell_tip_from_centre():

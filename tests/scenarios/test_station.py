@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from weldcell.cell.configuration import CellConfig, RecordingConfig, SensorConfig
+from weldcell.cell.configuration import CalibrationConfig, CellConfig, RecordingConfig, SensorConfig
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
-from weldcell.scenarios.sphere_sights import WORKING, plan_free, plan_translations
+from weldcell.scenarios.sphere_sights import CALIBRATING, WORKING, plan_free, plan_translations
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
 
@@ -112,3 +112,15 @@ def test_the_torch_points_down_and_travels_along_its_heading():
     assert np.allclose(matrix[:, 0], [0, 1, 0], atol=1e-15)
     leaning = torch_rotation(0.5, np.radians(20), 1.0).as_matrix()
     assert leaning[:, 2] @ [0, 0, -1] == pytest.approx(np.cos(np.radians(20)))
+
+
+def test_fewer_views_are_planned_where_the_wanted_accuracy_takes_fewer(tmp_path):
+    counts = []
+    for wanted_mm in (0.0, 2.0, 0.6):
+        config = CellConfig(calibration=CalibrationConfig(wanted_shift_mm=wanted_mm))
+        with (
+            Recording(tmp_path / f"{wanted_mm}.rrd", config.recording, title="plan") as recording,
+            Station(config, 4, recording, Progress()) as station,
+        ):
+            counts.append(len(plan_free(station, station.sphere_known_base, 12, CALIBRATING, "free poses")))
+    assert counts[0] == 12 and 3 <= counts[1] < counts[2] <= 12

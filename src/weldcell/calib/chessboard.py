@@ -32,9 +32,10 @@ def find_corners(image: np.ndarray, columns: int, rows: int) -> Float[np.ndarray
 
     NaN for corners that something lies across, as a laser stripe does.
 
-    Found by OpenCV's sector-based detector (Duda and Frese, Accurate detection and localization of checkerboard corners,
-    BMVC 2018), which stands blur, distortion and a laser stripe but errs by 0.06 px on boards that lean; so each corner is
-    then placed where the gradients around it all point past it (Foerstner and Guelch 1987; OpenCV's cornerSubPix).
+    Found by OpenCV's sector-based detector (Duda and Frese, Accurate detection and localization of checkerboard
+    corners, BMVC 2018), which stands blur, distortion and a laser stripe but errs by 0.06 px on boards that lean; so
+    each corner is then placed where the gradients around it all point past it (Foerstner and Guelch 1987; OpenCV's
+    cornerSubPix).
     """
     if image.ndim != 2:
         raise BadInput(f"board: expected a grey picture, found shape {image.shape}")

@@ -27,6 +27,7 @@ from weldcell.calib.sight_model import (
     sight_jacobian,
     targets_base,
 )
+from weldcell.calib.turns import weigh_turns
 from weldcell.calib.verdict import (
     Finding,
     Observability,
@@ -120,6 +121,7 @@ def solve(problem: HandEyeProblem) -> HandEyeResult:
     rms_m = float(np.sqrt(np.mean(residual_m**2)))
     rotation_seen, translation_seen = observe_steps(problem, T_flange_camera)
     findings += weigh_condition(rotation_seen, "rotation") + weigh_condition(translation_seen, "translation")
+    findings += weigh_turns(problem.T_base_flange.rotation, "translation")
     findings += weigh_residual(rms_m, "hand-eye", doubtful_m=DOUBTFUL_RMS_M, refused_m=REFUSED_RMS_M)
     findings += weigh_outliers(residual_m, "sight") + weigh_spare(3 * len(residual_m), 9)
     covariance = _covariance(problem, T_flange_camera, residuals_base)

@@ -18,6 +18,7 @@ from weldcell.calib.consensus import FEWEST_AGREEING, WRONG_SHARE, Misses, agree
 from weldcell.calib.hand_eye import DOUBTFUL_RMS_M, REFUSED_RMS_M, HandEyeProblem
 from weldcell.calib.joint_hand_eye import SIGMA_M, JointEstimate, joint_estimate
 from weldcell.calib.sight_model import targets_base
+from weldcell.calib.turns import weigh_turns
 from weldcell.calib.verdict import (
     REFUSED_CONDITION,
     Finding,
@@ -168,6 +169,7 @@ def _judged(
     findings = findings + _weigh_rows(problem.group, sound) + _weigh_turn(checked)
     by_step = weigh_condition(rotation_seen, "rotation") + weigh_condition(translation_seen, "translation")
     findings += by_step or weigh_condition(joint.seen, "joint estimate")  # the steps say the same in fewer words
+    findings += weigh_turns(checked.T_base_flange.rotation, "translation")
     findings += weigh_residual(joint.rms_m, "hand-eye", doubtful_m=DOUBTFUL_RMS_M, refused_m=REFUSED_RMS_M)
     findings += weigh_spare(joint.found.residuals.size, len(joint.found.parameters))
     findings += weigh_convergence(joint.found.converged, joint.found.message)

@@ -5,13 +5,14 @@ Paper P2 knows the tip and fits the centre alone; the tip can be estimated as we
 the flange's orientation.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import RigidTransform
 
-from weldcell.calib.least_squares import Fit, Model, fit
+from weldcell.calib.consensus import WRONG_SHARE
+from weldcell.calib.least_squares import Fit, Model, fit, robust_spread
 from weldcell.calib.verdict import (
     Block,
     Finding,
@@ -29,6 +30,8 @@ from weldcell.cell.errors import BadInput
 
 DOUBTFUL_RMS_M = 1e-3
 REFUSED_RMS_M = 5e-3  # a quarter of the usual sphere's radius
+_GATE_SIGMAS = 3.5
+_TRIMMINGS = 8  # gross touches pull the first fits, whose spread hides some of them
 _TIP_OFF_M = 20e-3  # more is another torch, or another unit
 
 
@@ -49,7 +52,7 @@ class TouchProblem:
     sigma_m: float | Float[np.ndarray, "n"] = 1e-4
     """Standard deviation of each touch's distance: robot repeatability and touch switch."""
     robust: bool = True
-    """Let touches that miss by more than three sigmas pull with constant force only."""
+    """Let touches that miss by more than three sigmas pull with constant force only, and leave gross ones out."""
 
     def __post_init__(self) -> None:
         if self.T_base_flange.single or not np.isfinite(self.T_base_flange.as_matrix()).all():
@@ -75,8 +78,10 @@ class TouchResult:
     """Centre (m^2, base axes), then tip (flange axes; zero where taken as known); infinite if one is open."""
     residual_m: Float[np.ndarray, "n"]
     """Distance of tip and centre less the radius sum, for each touch."""
+    sound: Bool[np.ndarray, "n"]
+    """The touches that the estimate rests on; the others are outliers."""
     rms_m: float
-    """Root mean square of the residuals."""
+    """Root mean square of the sound touches' residuals."""
     condition_number: float
     """Of the Jacobian; all parameters are lengths."""
     observability: tuple[str, ...]
@@ -92,27 +97,49 @@ def solve(problem: TouchProblem) -> TouchResult:
     count = len(problem.T_base_flange)
     start = np.concatenate([_linear_centre(problem), problem.tip_flange])[:free]
     if count < free:
-        return _judged(problem, start, None)
+        return _judged(problem, start, None, np.ones(count, dtype=bool))
     found = fit(_model(problem), start, robust=problem.robust)
-    return _judged(problem, found.parameters, found)
+    sound = np.ones(count, dtype=bool)
+    for _ in range(_TRIMMINGS if problem.robust else 0):
+        near = _near(problem, found)
+        if np.array_equal(near, sound) or np.sum(near) < max(free, (1 - WRONG_SHARE) * count - 1):
+            break
+        sound = near
+        found = fit(_model(_only(problem, sound)), found.parameters)
+    return _judged(problem, found.parameters, found, sound)
 
 
-def _judged(problem: TouchProblem, parameters: Float[np.ndarray, "free"], found: Fit | None) -> TouchResult:
+def _near(problem: TouchProblem, found: Fit) -> Bool[np.ndarray, "n"]:
+    """The touches within a few times what the fit's own usually miss by."""
+    spread = max(1.0, robust_spread(found.residuals, unknowns=len(found.parameters)))
+    residuals, _ = _model(problem)(found.parameters)
+    return np.asarray(np.abs(residuals[:, 0]) < _GATE_SIGMAS * spread)
+
+
+def _only(problem: TouchProblem, sound: Bool[np.ndarray, "n"]) -> TouchProblem:
+    sigma_m = np.broadcast_to(problem.sigma_m, len(sound))[sound]
+    return replace(problem, T_base_flange=problem.T_base_flange[sound], sigma_m=sigma_m)
+
+
+def _judged(
+    problem: TouchProblem, parameters: Float[np.ndarray, "free"], found: Fit | None, sound: Bool[np.ndarray, "n"]
+) -> TouchResult:
     free, sigma_m = len(parameters), np.broadcast_to(problem.sigma_m, len(problem.T_base_flange))
     residuals, jacobian = _model(problem)(parameters)
     residual_m = residuals[:, 0] * sigma_m
-    rms_m = float(np.sqrt(np.mean(residual_m**2)))
-    seen = observe(jacobian[:, 0] * sigma_m[:, None], _blocks(problem))
+    rms_m = float(np.sqrt(np.mean(residual_m[sound] ** 2)))
+    seen = observe((jacobian[:, 0] * sigma_m[:, None])[sound], _blocks(problem))
     covariance = np.zeros((6, 6))
     covariance[:free, :free] = np.inf if found is None else found.covariance
     tip_flange = parameters[3:] if problem.estimate_tip else np.array(problem.tip_flange, dtype=float)
-    findings = _findings(found, seen, residual_m, rms_m, free) + _weigh_tip(problem, tip_flange)
+    findings = _findings(found, seen, residual_m, sound, rms_m, free) + _weigh_tip(problem, tip_flange)
     verdict, reasons = judge(findings)
     return TouchResult(
         centre_base=parameters[:3],
         tip_flange=tip_flange,
         covariance=covariance,
         residual_m=residual_m,
+        sound=sound,
         rms_m=rms_m,
         condition_number=seen.condition_number,
         observability=seen.weak_directions,
@@ -123,14 +150,29 @@ def _judged(problem: TouchProblem, parameters: Float[np.ndarray, "free"], found:
 
 
 def _findings(
-    found: Fit | None, seen: Observability, residual_m: Float[np.ndarray, "n"], rms_m: float, free: int
+    found: Fit | None,
+    seen: Observability,
+    residual_m: Float[np.ndarray, "n"],
+    sound: Bool[np.ndarray, "n"],
+    rms_m: float,
+    free: int,
 ) -> list[Finding]:
-    findings = weigh_spare(len(residual_m), free) + weigh_condition(seen, "touches")
+    findings = weigh_spare(int(np.sum(sound)), free) + weigh_condition(seen, "touches")
     if found is None:
         return findings
     findings += weigh_convergence(found.converged, found.message)
     findings += weigh_residual(rms_m, "touches", doubtful_m=DOUBTFUL_RMS_M, refused_m=REFUSED_RMS_M)
-    return findings + weigh_outliers(np.abs(residual_m), "touch")
+    return (
+        findings
+        + [
+            Finding(
+                verdict="doubtful",
+                reason=f"touch {k} (counted from 0) misses by {abs(residual_m[k]) * 1e3:.3g} mm, left out",
+            )
+            for k in np.flatnonzero(~sound)
+        ]
+        + weigh_outliers(np.where(sound, np.abs(residual_m), 0.0), "touch")
+    )
 
 
 def _weigh_tip(problem: TouchProblem, tip_flange: Float[np.ndarray, "3"]) -> list[Finding]:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from weldcell.calib.verdict import Finding
 
-SMALLEST_TURN_RAD = np.deg2rad(0.05)  # five times what a controller's printed angles are off
+SMALLEST_TURN_RAD = np.deg2rad(0.1)  # twice what still counts as one orientation (see `hand_eye`)
 
 
 def least_turn(R_base_flange: Rotation) -> tuple[float, Float[np.ndarray, "3"]]:
@@ -29,7 +29,7 @@ def weigh_turns(R_base_flange: Rotation, what: str) -> list[Finding]:
         return []
     numbers = ", ".join(f"{value + 0.0:.2f}" for value in np.round(axis, 2))
     reason = (
-        f"{what}: not determined along ({numbers}) of the flange, which turns by {np.rad2deg(turn_rad):.2g} degrees rms, "
+        f"{what}: not determined along ({numbers}) of the flange, which turns by {np.rad2deg(turn_rad):.2g} deg rms, "
         f"expected at least {np.rad2deg(SMALLEST_TURN_RAD):.2g}: all poses share one orientation or one rotation axis"
     )
     return [Finding(verdict="refused", reason=reason)]

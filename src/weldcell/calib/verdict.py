@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 Verdict = Literal["accepted", "doubtful", "refused"]
 
@@ -103,17 +103,27 @@ def weigh_residual(rms_m: float, what: str, *, doubtful_m: float, refused_m: flo
     return [Finding(verdict=verdict, reason=reason)]
 
 
+def outlying(residual_m: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """Which observations miss far more than the others do."""
+    return residual_m > max(_OUTLIER_RATIO * _usual_m(residual_m), _OUTLIER_FLOOR_M)
+
+
 def weigh_outliers(residual_m: Float[np.ndarray, "n"], what: str) -> list[Finding]:
     """Doubts about single observations that miss far more than the others do."""
-    usual_m = float(np.quantile(residual_m, 0.75, method="lower"))  # poses of one orientation agree too well to be it
+    usual_m = _usual_m(residual_m)
     return [
         Finding(
             verdict="doubtful",
             reason=f"{what} {index} (counted from 0) misses by {residual_m[index] * 1e3:.3g} mm, "
             f"three quarters of them by {usual_m * 1e3:.3g} mm or less",
         )
-        for index in np.flatnonzero(residual_m > max(_OUTLIER_RATIO * usual_m, _OUTLIER_FLOOR_M))
+        for index in np.flatnonzero(outlying(residual_m))
     ]
+
+
+def _usual_m(residual_m: Float[np.ndarray, "n"]) -> float:
+    """The third quartile: poses of one orientation agree too well to say what is usual."""
+    return float(np.quantile(residual_m, 0.75, method="lower"))
 
 
 def weigh_spare(equations: int, unknowns: int) -> list[Finding]:

@@ -162,6 +162,8 @@ class CalibrationConfig:
     """Views with the flange's orientation kept (they give the rotation)."""
     free_poses: Annotated[int, Ge(3), Le(1000)] = 10
     """Views from free poses (they give the translation)."""
+    wanted_shift_mm: Unsigned = 0.0
+    """Free views are left out once the mount's place is predicted this well (one sigma); 0 takes them all."""
     touches: Annotated[int, Ge(8), Le(10_000)] = 60
     """Touches of the torch tip on the sphere."""
     tip_radius_mm: Unsigned = 0.6

@@ -12,7 +12,9 @@ from weldcell.calib.hand_eye import HandEyeProblem
 from weldcell.calib.robust_hand_eye import RobustHandEyeResult
 from weldcell.cell.errors import BadInput
 from weldcell.cell.optics import LaserPlane
+from weldcell.scenarios.atomic_file import write_bytes
 from weldcell.scenarios.calibration_file import hand_eye_report, write_report
+from weldcell.scenarios.residual_plot import Bar, residual_png
 from weldcell.scenarios.user_data import EULER_SEQUENCES, Poses, match_ids, read_points, read_poses
 
 # A profile lies in y = 0 and z is depth. The plane's own frame then is the sensor's, for y points against the normal.
@@ -73,7 +75,7 @@ class _Sights:
 
 
 def hand_eye(request: HandEyeRequest, place: Path, *, overwrite: bool = False) -> tuple[str, tuple[str, ...]]:
-    """Verdict and reasons; writes `result.json` into the folder."""
+    """Verdict and reasons; writes `result.json` and `residuals.png` into the folder."""
     target = place / "result.json"
     if target.exists() and not overwrite:
         raise BadInput(f"{target}: found a result, expected a free place (--overwrite replaces it)")
@@ -81,8 +83,18 @@ def hand_eye(request: HandEyeRequest, place: Path, *, overwrite: bool = False) -
         raise BadInput(f"{place}: found a file, expected a folder to write the result into")
     poses = read_poses(request.poses_file, request.euler)
     report = _calibrate(request, poses)
+    write_bytes(place / "residuals.png", _plot(report))
     write_report(target, report)
     return report["verdict"], tuple(report["reasons"])
+
+
+def _plot(report: dict[str, Any]) -> bytes:
+    """How far each pose misses the target."""
+    bars = [
+        Bar(name=name, value=found["length_mm"], outlier=name in report["outliers"])
+        for name, found in report["residuals"].items()
+    ]
+    return residual_png("hand-eye: distance of each pose's target from the common one", "mm", bars)
 
 
 def _calibrate(request: HandEyeRequest, poses: Poses) -> dict[str, Any]:

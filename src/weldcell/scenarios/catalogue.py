@@ -37,6 +37,16 @@ SCENARIOS = (
         module="weldcell.scenarios.hand_eye_sphere",
     ),
     Scenario(
+        name="hand-eye-point",
+        summary="hand-eye on a fixed point with P1's sensor: pure translations, free poses, two steps",
+        module="weldcell.scenarios.hand_eye_point",
+    ),
+    Scenario(
+        name="laser-plane",
+        summary="camera and light plane by boards: vanishing point, board, dual step and bundle compared",
+        module="weldcell.scenarios.laser_plane",
+    ),
+    Scenario(
         name="v-seam",
         summary="scan the S-shaped V-groove: left edge, root and right edge against the exact seam",
         module="weldcell.scenarios.v_seam",

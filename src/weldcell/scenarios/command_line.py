@@ -9,7 +9,7 @@ from pathlib import Path
 
 import weldcell
 from weldcell.cell.errors import BadInput, JobFailed, WeldcellError
-from weldcell.scenarios import options
+from weldcell.scenarios import board_options, options, tcp_options
 from weldcell.scenarios.catalogue import SCENARIOS, Scenario, did_you_mean, find_scenario
 from weldcell.scenarios.run_folder import recording_of
 
@@ -114,9 +114,18 @@ def _run(parsed: argparse.Namespace, scenario: Scenario) -> int:
 
 
 def _calibrate(parsed: argparse.Namespace) -> int:
+    run = {"tcp": tcp_options.calibrate, "hand-eye": _hand_eye}.get(parsed.kind, board_options.calibrate)
+    verdict, reasons = run(parsed)
+    for reason in reasons:
+        print(f"weldcell: {'failed' if verdict == 'refused' else 'warning'}: {_one_line(reason)}", file=sys.stderr)
+    _say(f"{verdict}: {parsed.out / 'result.json'}")
+    return EXIT_FAILED if verdict == "refused" else EXIT_DONE
+
+
+def _hand_eye(parsed: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
     from weldcell.scenarios import calibrate
 
-    verdict, reasons = calibrate.hand_eye(
+    return calibrate.hand_eye(
         calibrate.HandEyeRequest(
             target=parsed.target,
             radius_m=None if parsed.radius_mm is None else parsed.radius_mm * 1e-3,
@@ -131,10 +140,6 @@ def _calibrate(parsed: argparse.Namespace) -> int:
         parsed.out,
         overwrite=parsed.overwrite,
     )
-    for reason in reasons:
-        print(f"weldcell: {'failed' if verdict == 'refused' else 'warning'}: {reason}", file=sys.stderr)
-    print(f"{verdict}: {parsed.out / 'result.json'}")
-    return EXIT_FAILED if verdict == "refused" else EXIT_DONE
 
 
 def _dataset(parsed: argparse.Namespace) -> int:
@@ -228,6 +233,8 @@ def _add_calibrate(commands: "argparse._SubParsersAction[options.Parser]", every
         "calibrate", parents=[everywhere], help="the estimators on your own data", description="Calibrates from files."
     )
     kinds = calibrate.add_subparsers(dest="kind", required=True, metavar="KIND", parser_class=options.Parser)
+    board_options.add_boards(kinds, everywhere)
+    tcp_options.add_tcp(kinds, everywhere)
     hand_eye = kinds.add_parser(
         "hand-eye",
         parents=[everywhere],

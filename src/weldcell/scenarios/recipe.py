@@ -12,6 +12,7 @@ from weldcell.calib.compensation import CompensationResult
 from weldcell.calib.hand_eye import HandEyeResult
 from weldcell.calib.joint_estimate import JointResult
 from weldcell.calib.touches import TouchResult
+from weldcell.models.board import Board
 from weldcell.scenarios.acceptance import failures, limits_for
 from weldcell.scenarios.job import Job, Outcome
 from weldcell.scenarios.recording import Recording
@@ -21,12 +22,12 @@ from weldcell.scenarios.station import Station
 
 
 @contextmanager
-def station_for(job: Job) -> Iterator[Station]:
-    """The station of a job, with its recording."""
+def station_for(job: Job, boards: tuple[Board, ...] = ()) -> Iterator[Station]:
+    """The station of a job, with its recording; `boards` are targets besides the usual parts."""
     title = f"{job.scenario}, robot {job.config.robot}, seed {job.seed}"
     with (
         Recording(job.recording_path, job.config.recording, title=title) as recording,
-        Station(job.config, job.seed, recording, job.progress) as station,
+        Station(job.config, job.seed, recording, job.progress, boards) as station,
     ):
         yield station
 
@@ -47,12 +48,7 @@ def write_calibration(job: Job, setup: SensorSetup) -> None:
     if setup.joint is not None:
         found |= {"hand_eye_p2": setup.compensated, "hand_eye": setup.joint}
     for name, result in found.items():
-        content = {
-            "T_flange_sensor": _matrix_mm(result.T_flange_camera.as_matrix()),
-            "covariance": result.covariance,
-            "covariance_order": "rotation vector (rad, sensor axes), translation (m, flange axes)",
-        }
-        job.write_calibration(name, content | _weight(result))
+        write_hand_eye(job, name, result)
     touched = setup.touched
     tip = {
         "tip_flange_mm": 1e3 * touched.tip_flange,
@@ -64,6 +60,16 @@ def write_calibration(job: Job, setup: SensorSetup) -> None:
     if setup.joint is not None:
         job.write_calibration("tcp", _joint_tip(setup.joint))
         job.write_calibration("arm", _arm_errors(setup.joint))
+
+
+def write_hand_eye(job: Job, name: str, result: HandEyeResult | CompensationResult | JointResult) -> None:
+    """Leaves where the sensor is on the flange in the run's folder."""
+    content = {
+        "T_flange_sensor": _matrix_mm(result.T_flange_camera.as_matrix()),
+        "covariance": result.covariance,
+        "covariance_order": "rotation vector (rad, sensor axes), translation (m, flange axes)",
+    }
+    job.write_calibration(name, content | _weight(result))
 
 
 def _weight(result: HandEyeResult | CompensationResult | JointResult | TouchResult) -> dict[str, Any]:

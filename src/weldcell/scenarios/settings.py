@@ -9,11 +9,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
 
-from weldcell.cell.configuration import SENSOR_PRESETS, CellConfig, SensorConfig
+from weldcell.cell.configuration import SENSOR_PRESETS, CellConfig, SensorConfig, SensorPreset
 from weldcell.cell.errors import BadInput
 from weldcell.scenarios.catalogue import did_you_mean
 from weldcell.scenarios.yaml_file import read_yaml
@@ -65,7 +66,7 @@ class Field:
 
         entry = _entry_of(self.hint)
         if entry is not None and isinstance(value, list):
-            return tuple(_check_entry(entry, item, f"{where}[{k}]") for k, item in enumerate(value))
+            return tuple(check_section(entry, item, f"{where}[{k}]") for k, item in enumerate(value))
         try:
             # By way of JSON, because strict lists are no tuples but strict JSON arrays are.
             return TypeAdapter(self.hint).validate_json(json.dumps(value), strict=True)
@@ -90,6 +91,8 @@ class Settings:
 
 
 _PRESET = "sensor.preset"
+_SCENARIO_PRESETS: Mapping[str, SensorPreset] = {"hand-eye-point": "p1"}
+"""The sensor of a scenario that is not to have P2's unless it is asked for."""
 _SEED = Field(path="seed", hint=Seed, default=0, meaning="Where all randomness of the run comes from.")
 
 
@@ -109,7 +112,7 @@ def resolve(
     if _PRESET in given and _PRESET in values:  # what the file only has from its own preset gives way to the new one
         old = _preset_values(values)
         values = {path: value for path, value in values.items() if path not in old or value != old[path]}
-    values |= given
+    values = {_PRESET: _SCENARIO_PRESETS.get(scenario, SensorConfig.preset)} | values | given
     return Settings(
         scenario=scenario,
         seed=file_seed if seed is None else _SEED.check(seed, "--seed"),
@@ -207,21 +210,24 @@ def _entry_of(hint: Any) -> type | None:
     return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
 
 
-def _check_entry(section: type, item: object, where: str) -> Any:
-    """One entry of a list of sections; refused, naming where it stands, unless its fields fit."""
+def check_section(section: type, item: object, where: str, between: str = ".") -> Any:
+    """A mapping as a section of plain fields; refused, naming where it stands, unless its fields fit.
+
+    A field's name follows `where` and `between`.
+    """
     hints, meanings = get_type_hints(section, include_extras=True), _meanings(section)
     defaults = {field.name: field.default for field in dataclasses.fields(section)}
     if not isinstance(item, dict):
         raise BadInput(f"{where}: found {_shown(item)}, expected {_expected(section)}")
     for name in item:
         if name not in hints:
-            raise BadInput(f"{where}.{_shown_key(str(name))}: no such field{did_you_mean(str(name), hints)}")
+            raise BadInput(f"{where}{between}{_shown_key(str(name))}: no such field{did_you_mean(str(name), hints)}")
     for name, default in defaults.items():
         if default is dataclasses.MISSING and name not in item:
-            raise BadInput(f"{where}.{name}: found nothing, expected {_expected(hints[name])}")
+            raise BadInput(f"{where}{between}{name}: found nothing, expected {_expected(hints[name])}")
     values = {
         name: Field(path=name, hint=hints[name], default=defaults[name], meaning=meanings[name]).check(
-            value, f"{where}.{name}"
+            value, f"{where}{between}{name}"
         )
         for name, value in item.items()
     }
@@ -247,6 +253,10 @@ def _expected(hint: Any) -> str:
     kind, bounds = (get_args(hint)[0], get_args(hint)[1:]) if get_origin(hint) is Annotated else (hint, ())
     if kind is bool:
         return "true or false"
+    if kind is str:
+        return "a text"
+    if NoneType in get_args(kind):
+        return _expected(get_args(kind)[0])
     if get_origin(kind) is Literal:
         return f"one of {', '.join(map(str, get_args(kind)))}"
     if dataclasses.is_dataclass(kind):

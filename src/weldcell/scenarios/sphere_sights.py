@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.calib.pose_choice import choose, sight_candidates, translation_candidates
+from weldcell.calib.pose_design import PoseDesignProblem, design
 from weldcell.calib.sphere_sight import SphereSightProblem, SphereSightResult
 from weldcell.calib.sphere_sight import solve as solve_sphere_sight
 from weldcell.cell.errors import OutOfReach
@@ -80,14 +81,34 @@ def plan_translations(station: Station, centre_base: Float[np.ndarray, "3"], cou
 def plan_free(
     station: Station, centre_base: Float[np.ndarray, "3"], count: int, spread: Spread, stage: str
 ) -> list[np.ndarray]:
-    """Postures with varied orientations that see the sphere; all six joints move."""
+    """Postures with varied orientations that see the sphere; all six joints move.
+
+    No more of them than the wanted accuracy takes, where one is asked for.
+    """
     rng = generator(station.seed, f"plan/{stage}")
 
     def orientation() -> Rotation:
         heading_rad = station.heading_rad + spread.turn_rad * rng.uniform(-1, 1)
         return station.rotation_base_flange(heading_rad, spread.tilt_rad * rng.uniform(), rng.uniform(0, 2 * np.pi))
 
-    return _choose(station, _candidates(station, centre_base, count, rng, orientation), count, sight_candidates)
+    candidates = _candidates(station, centre_base, count, rng, orientation)
+    wanted_m = 1e-3 * station.config.calibration.wanted_shift_mm
+    if wanted_m == 0:
+        return _choose(station, candidates, count, sight_candidates)
+    planned = design(
+        PoseDesignProblem(
+            T_base_flange=RigidTransform.concatenate([candidate.T_base_flange for candidate in candidates]),
+            centres_camera=np.array([candidate.centre_camera for candidate in candidates]),
+            T_flange_camera=station.head.T_flange_camera,
+            pose_sigma_m=1e-3 * station.config.calibration.robot_sigma_mm,
+            most=count,
+            wanted_shift_m=wanted_m,
+        )
+    )
+    enough = planned.enough or count
+    predicted_mm = 1e3 * planned.shift_sigma_m[enough - 1]
+    station.note(planned.reason or f"{stage}: {enough} views are enough for {predicted_mm:.3g} mm (predicted)")
+    return [candidates[k].joints_rad for k in planned.order[:enough]]
 
 
 def take_sights(
@@ -202,11 +223,11 @@ def _centre_in_view(station: Station, rng: np.random.Generator) -> Float[np.ndar
     off_plane = -SIDE * rng.uniform(*_OFF_PLANE) * station.parts.sphere_radius_m
     outer_m = np.sqrt(station.parts.sphere_radius_m**2 - off_plane**2) + _ARC_MARGIN_M
     arc_laser = np.array([across, 0, depth]) + outer_m * _ARC
-    good = _lit_and_in_picture(station, T_camera_laser.apply(arc_laser))
+    good = lit_and_in_picture(station, T_camera_laser.apply(arc_laser))
     return T_camera_laser.apply([across, off_plane, depth]) if good else None
 
 
-def _lit_and_in_picture(station: Station, points_camera: Float[np.ndarray, "n 3"]) -> bool:
+def lit_and_in_picture(station: Station, points_camera: Float[np.ndarray, "n 3"]) -> bool:
     """Whether points of the light plane lie in the picture and within the fan."""
     crossing_camera = np.array([0, 0, station.head.stand_off_m])
     light = (crossing_camera - station.head.source_camera) / station.head.laser_range_m

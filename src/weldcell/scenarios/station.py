@@ -23,6 +23,7 @@ from weldcell.cell.world.scene import (
     build_parts,
     head_design,
 )
+from weldcell.models.board import Board
 from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
@@ -60,15 +61,24 @@ class Sight:
 class Station:
     """A cell, its sensor and its controller, and what has been done with them so far."""
 
-    def __init__(self, config: CellConfig, seed: int, recording: Recording, progress: Progress) -> None:
+    def __init__(
+        self,
+        config: CellConfig,
+        seed: int,
+        recording: Recording,
+        progress: Progress,
+        boards: tuple[Board, ...] = (),
+    ) -> None:
+        """`boards` are targets besides the usual parts, out of the way until they are placed."""
         self.config, self.seed, self.recording, self.progress = config, seed, recording, progress
         self.parts = build_parts(config)
         error = draw_error(BUDGETS[config.robot], generator(seed, "robot"))
         camera, plane = nominal_camera(config.sensor), nominal_plane(config.sensor)
+        self.actual_plane = plane
         self.belief = believed_sensor(camera, plane, error)
         self.head = head_design(config.sensor)
-        self.cell = build_cell(self.parts, self.head, error)
-        known_cell = build_cell(self.parts, self.head, None)
+        self.cell = build_cell(self.parts, self.head, error, boards)
+        known_cell = build_cell(self.parts, self.head, None, boards)
         self.controller = build_controller(known_cell)
         self.arm = nominal_arm(self.controller, known_cell.model)
         self.heading_rad = float(np.radians(config.seam.yaw_deg))
@@ -115,6 +125,13 @@ class Station:
             way_m = known_base + off_m - bar[0]
             off_m = bar[0] + bar[1] * way_m / np.linalg.norm(way_m) - known_base
         self._place("sphere", translation(known_base), translation(off_m))
+
+    def place_target(self, name: str, T_base_target: RigidTransform) -> None:
+        """Puts one of the `boards` where the controller is told it is, and actually a little off."""
+        off_m = generator(self.seed, f"{name}/place").normal(size=3) * _SPHERE_MISPLACEMENT_M
+        for cell, T in ((self.planner.known_cell, T_base_target), (self.cell, translation(off_m) * T_base_target)):
+            cell.place(name, T)
+        self.recording.log_pose(self.frame, self.time_s, self.cell.data)
 
     def place_plate(self) -> None:
         """Puts the plate where the configuration says, and actually a little off."""
