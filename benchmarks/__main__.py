@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks import accuracy, dataset, hand_eye_methods, precision, rays, speed
+from benchmarks import accuracy, covariance, dataset, hand_eye_methods, precision, rays, speed
 from benchmarks.table import Figure, as_data, show
 
 RESULTS = Path(__file__).with_name("results.json")
@@ -57,6 +57,7 @@ PARTS: dict[str, Callable[[], Tables]] = {
     "job": _job,
     "accuracy": accuracy.tables,
     "hand-eye": hand_eye_methods.tables,
+    "covariance": lambda: {"Predicted covariance against 500 trials": covariance.figures()},
 }
 
 

@@ -176,3 +176,10 @@ def test_a_stripe_without_its_board_is_refused_by_name():
     stripe = StripePoints(pixels=good.stripe.pixels, picture=good.stripe.picture + 1, sigma_px=good.stripe.sigma_px)
     with pytest.raises(BadInput, match="stripe but no board"):
         dataclasses.replace(good, stripe=stripe)
+
+
+def test_a_step_target_without_ends_is_refused_by_picture():
+    good = steps(8, 3)
+    edges = np.where(good.targets.picture == 1, np.nan, good.targets.edge_m)
+    with pytest.raises(BadInput, match=r"picture 1 .* has 0 ends"):
+        dataclasses.replace(good, targets=dataclasses.replace(good.targets, edge_m=edges))

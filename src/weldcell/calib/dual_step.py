@@ -39,6 +39,7 @@ _PLANE, _POSE = 3, 5
 _STEP = 1e-7
 _LEANS_RAD = ((0.0, 0.0), (0.2, 0.2), (0.2, -0.2), (-0.2, 0.2), (-0.2, -0.2))
 _ROUGHLY = 1e-3  # relative: a start need not be better
+_FEWEST_ENDS = 2  # of a picture: they place the target across its edges
 _REWEIGHTED = 1  # the first fit's sensitivities belong to the plane as designed
 
 
@@ -71,11 +72,14 @@ class DualStepProblem:
     def __post_init__(self) -> None:
         targets = self.targets
         levels = len(np.unique(targets.height_m))
-        edges = int(np.sum(np.isfinite(targets.edge_m)))
+        ends = np.bincount(targets.picture, np.isfinite(targets.edge_m))
         if levels < 2:
             raise BadInput(f"dual step: points on {levels} level, expected at least 2 levels")
-        if edges < 2 * (int(targets.picture.max()) + 1):
-            raise BadInput(f"dual step: {edges} ends at edges, expected 2 or more in each picture")
+        if ends.min() < _FEWEST_ENDS:
+            raise BadInput(
+                f"dual step: picture {int(ends.argmin())} (counted from 0) has {ends.min():.0f} ends at edges, "
+                f"expected {_FEWEST_ENDS} or more"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
