@@ -194,7 +194,7 @@ def test_a_folder_is_no_picture(detect, tmp_path):
 
 def test_an_unknown_joint_names_the_known_ones(detect, picture):
     code, _, errors = detect(picture, "--joint", "w")
-    assert code == 2 and "--joint: found 'w', expected one of v" in errors
+    assert code == 2 and "--joint: found 'w', expected one of " in errors and "v-gap" in errors
 
 
 def test_found_files_are_not_overwritten_unless_asked(detect, picture, tmp_path):

@@ -9,8 +9,14 @@ import numpy as np
 from weldcell.cell.errors import BadInput
 from weldcell.cell.optics import LaserPlane
 from weldcell.cell.profile import JointFeatures, Profile
+from weldcell.tracking.bevel_groove import BEVEL_NAMES, find_bevel
+from weldcell.tracking.confidence import confidence
+from weldcell.tracking.fillet import FILLET_NAMES, find_fillet
+from weldcell.tracking.found import Found
+from weldcell.tracking.plate_edges import BUTT_NAMES, LAP_NAMES, find_butt, find_lap
+from weldcell.tracking.round_groove import J_NAMES, U_NAMES, find_j, find_u
 from weldcell.tracking.section import Section, section_of
-from weldcell.tracking.v_groove import V_NAMES, Found, find_v
+from weldcell.tracking.v_groove import GAPPED_V, OUTSIDE_CORNER, V_NAMES, find_v
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,12 +28,19 @@ class JointKind:
     anchor: str
     """The feature that a tracker follows: the last frame's one gates the next."""
     find: Callable[[Section, float | None], Found]
-    """From a section and x of the last anchor (m, laser frame; None: no last frame) to its corners, by rising x."""
+    """From a section and x of the last anchor (m, laser frame; None: no last frame) to its corners."""
 
 
 JOINT_KINDS = {
+    "butt": JointKind(names=BUTT_NAMES, anchor="left", find=find_butt),
     "v": JointKind(names=V_NAMES, anchor="root", find=find_v),
-    "v-gap": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, gapped=True)),
+    "v-gap": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, shape=GAPPED_V)),
+    "bevel": JointKind(names=BEVEL_NAMES, anchor="root", find=find_bevel),
+    "u": JointKind(names=U_NAMES, anchor="centre", find=find_u),
+    "j": JointKind(names=J_NAMES, anchor="root", find=find_j),
+    "lap": JointKind(names=LAP_NAMES, anchor="root", find=find_lap),
+    "fillet": JointKind(names=FILLET_NAMES, anchor="root", find=find_fillet),
+    "corner": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, shape=OUTSIDE_CORNER)),
 }
 """A new kind of joint is a module with a `find` of its own, and a line here."""
 
@@ -51,13 +64,14 @@ def find_joint(
     found = joint.find(section_of(profile, plane), _anchor_x(joint, plane, previous))
     if not found.corners:
         return _invalid(joint, found.reason)
-    leftmost_first = found.corners[::-1]  # they come by rising x
-    points_laser = np.array([[corner.x_m, 0.0, corner.z_m] for corner in leftmost_first])
+    points_laser = np.array([[corner.x_m, 0.0, corner.z_m] for corner in found.corners])
     return JointFeatures(
         names=joint.names,
         points_camera=plane.T_camera_laser.apply(points_laser),
-        sigma_m=np.array([corner.sigma_m for corner in leftmost_first]),
+        sigma_m=np.array([corner.sigma_m for corner in found.corners]),
         valid=True,
+        measures=found.measures,
+        confidence=confidence(found.corners, found.trust),
     )
 
 
@@ -76,4 +90,5 @@ def _invalid(joint: JointKind, reason: str) -> JointFeatures:
         sigma_m=np.full(count, np.nan),
         valid=False,
         reason=reason,
+        confidence=np.zeros(count),
     )

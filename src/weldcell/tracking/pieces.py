@@ -8,7 +8,6 @@ from scipy.ndimage import median_filter
 
 from weldcell.tracking.section import Section
 
-_NEIGHBOURS = 6  # on each side, to tell a stray from the surface
 _AGREEING_SHARE = 0.4
 _MEDIAN_POINTS = 9
 _BEND_SIGMAS = 5.0
@@ -38,15 +37,16 @@ class Piece:
         return float(np.arctan(self.slope))
 
 
-def straight_pieces(section: Section, *, steepest: float) -> list[Piece]:
+def straight_pieces(section: Section, *, steepest: float, neighbours: int = 6) -> list[Piece]:
     """The straight pieces from left to right, without strays and crumbs; pieces of one line are joined.
 
     `steepest` is the largest dz/dx that neighbours of one surface may have: the smaller, the more strays are seen.
+    `neighbours` on each side tell a stray: the more, the longer runs of strays are seen, but narrow walls are lost.
 
     Splits the median-filtered section at its largest deviation from the chord (Ramer 1972, Douglas and Peucker
     1973) until no deviation is above the noise.
     """
-    section = section.only(_agrees_with_neighbours(section, steepest))
+    section = section.only(agrees_with_neighbours(section, steepest, neighbours))
     if len(section.x_m) < _FEWEST_POINTS:
         return []
     z = median_filter(section.z_m, size=_MEDIAN_POINTS, mode="nearest")
@@ -56,12 +56,12 @@ def straight_pieces(section: Section, *, steepest: float) -> list[Piece]:
     return _joined([piece for piece in pieces if _is_substantial(piece)], 3 * tolerance_m)
 
 
-def _agrees_with_neighbours(section: Section, steepest: float) -> Bool[np.ndarray, "n"]:
+def agrees_with_neighbours(section: Section, steepest: float, neighbours: int) -> Bool[np.ndarray, "n"]:
     """Points that lie on one surface with enough of their neighbours."""
     x, z, count = section.x_m, section.z_m, len(section.x_m)
     noise_m = 6 * float(np.median(section.sigma_m)) if count else 0.0
     agreeing, offered = np.zeros(count), np.zeros(count)
-    for step in range(1, min(_NEIGHBOURS, count - 1) + 1):
+    for step in range(1, min(neighbours, count - 1) + 1):
         close = np.abs(z[step:] - z[:-step]) <= steepest * (x[step:] - x[:-step]) + noise_m
         agreeing[step:] += close
         agreeing[:-step] += close

@@ -1,0 +1,84 @@
+"""The choice between the joints that the pieces of one section may form."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from weldcell.tracking.curves import Curve
+from weldcell.tracking.pieces import Piece
+from weldcell.tracking.section import Corner, Section
+
+GATE_M = 0.015
+"""Search window about the last frame's joint, as commercial trackers have it."""
+EXPLAINED_M = 3e-4
+"""Points this close to a model are explained by it."""
+PLATE_LENGTH_M = 0.02
+"""Plate beyond this adds little precision, and it may be bent."""
+MOST_PLATE_ANGLE_RAD = float(np.deg2rad(25))
+"""Between the two plates of a joint in one plane."""
+MOST_SIGMA_M = 5e-4
+"""A corner less certain than this is not reported."""
+_SAME_JOINT_M = 1e-3
+_EXPLAINED_SIGMAS = 4.0
+
+
+def best_of(scores: Sequence[float], anchors_m: Sequence[float]) -> tuple[int, float] | None:
+    """Which candidate has the highest score, and by what share of it the best one elsewhere falls behind.
+
+    None if no candidate has a positive score. Candidates whose anchors lie within a millimetre are the same joint.
+    """
+    if not len(scores) or not max(scores) > 0:
+        return None
+    score, where = np.array(scores), np.array(anchors_m)
+    best = int(score.argmax())
+    rivals = score[np.abs(where - where[best]) > _SAME_JOINT_M]
+    return best, float(1 - np.clip(rivals.max(initial=0.0) / score[best], 0, 1))
+
+
+def is_near(x_m: float, previous_x_m: float | None) -> bool:
+    """Whether a joint at `x_m` may be the last frame's."""
+    return previous_x_m is None or abs(x_m - previous_x_m) <= GATE_M
+
+
+def near_words(previous_x_m: float | None) -> str:
+    """How a reason says that a joint may exist elsewhere."""
+    return "" if previous_x_m is None else f" within {GATE_M * 1e3:.0f} mm of the last one"
+
+
+def on_model(section: Section, model: Sequence[tuple[Curve, float, float]]) -> np.ndarray:
+    """Which points lie on a model: curves, each from one x to another (m)."""
+    explained = np.zeros(len(section.x_m), dtype=bool)
+    for curve, first_m, last_m in model:
+        inside = (section.x_m >= first_m) & (section.x_m <= last_m)
+        allowed = np.maximum(EXPLAINED_M, _EXPLAINED_SIGMAS * section.sigma_m[inside])
+        explained[inside] |= np.abs(section.z_m[inside] - curve.z_of(section.x_m[inside])) <= allowed
+    return explained
+
+
+def mismatch_m(right: Curve, right_edge: Corner, left: Curve, left_edge: Corner) -> float:
+    """How much higher the left plate (that of larger x) stands than the right one, at the joint's middle.
+
+    Across the plates' mean direction; plates that are not parallel are prolonged by their tangents.
+    """
+    middle = (left_edge.x_m + right_edge.x_m) / 2
+    right_z, left_z = (
+        edge.z_m + curve.slope_at(edge.x_m) * (middle - edge.x_m)
+        for curve, edge in ((right, right_edge), (left, left_edge))
+    )
+    tilt = (left.angle_at(left_edge.x_m) + right.angle_at(right_edge.x_m)) / 2
+    return float((right_z - left_z) * np.cos(tilt))
+
+
+def is_plate_pair(left: Piece, right: Piece, most_angle_rad: float = MOST_PLATE_ANGLE_RAD) -> bool:
+    """Whether two pieces may be the plates on both sides of a joint."""
+    return abs(right.angle_rad - left.angle_rad) <= most_angle_rad
+
+
+def mirrored(section: Section) -> Section:
+    """The section with left and right swapped."""
+    return Section(
+        x_m=-section.x_m[::-1],
+        z_m=section.z_m[::-1],
+        sigma_m=section.sigma_m[::-1],
+        noise_slope=-section.noise_slope[::-1],
+    )
