@@ -122,3 +122,14 @@ def test_an_empty_picture_has_one_way_without_points():
     ways = stripes_in_picture(np.zeros(SHAPE, np.uint8))
     assert len(ways[0].stripe.u_px) == 0
     assert joint_in_picture(ways[0].stripe, "v").reason == "no stripe in the picture"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_speckle_of_bare_metal_does_not_break_the_stripe_to_crumbs(seed):
+    """Contrast 0.9: grains two pixels long leave every tenth column dark."""
+    rng = np.random.default_rng(seed)
+    grains = np.repeat(rng.gamma(1 / 0.9**2, 0.9**2, (SHAPE[0], SHAPE[1] // 2)), 2, axis=1)
+    picture = np.clip(25 * stripe_light(CORNERS_PX) * grains + rng.normal(6, 0.8, SHAPE), 0, 255).astype(np.uint8)
+    plain, followed = find_stripe(picture), stripes_in_picture(picture)[0].stripe
+    assert len(plain.u_px) > 0.75 * SHAPE[1]
+    assert len(followed.u_px) > 0.95 * len(plain.u_px)

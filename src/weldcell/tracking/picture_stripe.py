@@ -6,7 +6,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 from weldcell.cell.profile import Stripe
 from weldcell.tracking.stripe import Along, find_stripe
@@ -20,8 +20,10 @@ _LEAST_SIDE_PX = 64
 _FINER_SHARE = 0.8  # of the clearest stripe's length: then the finer picture is as good
 _COLOURED_SHARE = 0.5  # brightness alone sees other things too, so it must see far more
 _WORTH_SHARE = 0.5  # of the longest way's length: what is shorter is another thing
-_PIECE_GAP_PX = 4
+_PIECE_GAP_PX = 16  # speckle on bare metal leaves some columns dark
 _PIECE_JUMP_PX = 6
+_LEAST_DENSITY = 0.75  # points for a pixel of a piece: speckle leaves more than 0.8 of them
+_STEEPEST = 2.5  # across for along, over such a gap
 _LEAST_PIECE_PX = 24.0  # no stripe is shorter, nor than this share of the picture's shorter side:
 _LEAST_STRIPE_SHARE = 0.1
 _LEAST_PIECE_SHARE = 0.05  # of the longest piece: shorter ones are crumbs of what else is in view
@@ -209,7 +211,10 @@ def _clear_length_px(found: PictureStripe) -> float:
 
 
 def _piece_lengths_px(found: PictureStripe) -> Float[np.ndarray, "pieces"]:
-    """Lengths of the pieces: points times the mean length from one to the next, taken over 16 of them against noise."""
+    """Lengths of the pieces: points times the mean length from one to the next, taken over 16 of them against noise.
+
+    A piece with many holes (edges of a board that happen to lie in a row) is none: 0.
+    """
     piece = _pieces(found)
     if not len(piece):
         return np.zeros(1)
@@ -217,18 +222,43 @@ def _piece_lengths_px(found: PictureStripe) -> Float[np.ndarray, "pieces"]:
     chords, of_piece = _chords(found, piece)
     chord_count = np.bincount(of_piece, minlength=len(count))
     mean_px = np.bincount(of_piece, weights=np.hypot(*chords.T), minlength=len(count)) / np.maximum(chord_count, 1)
-    return count * np.where(chord_count > 0, mean_px / _CHUNK, found.shrinking)
+    dense = count >= _LEAST_DENSITY * _extents_px(found, piece) / found.shrinking
+    return dense * count * np.where(chord_count > 0, mean_px / _CHUNK, found.shrinking)
+
+
+def _extents_px(found: PictureStripe, piece: Int[np.ndarray, "n"]) -> Float[np.ndarray, "pieces"]:
+    """How far each piece reaches along the way it was followed."""
+    along = _points(found) @ [np.cos(found.direction_rad), np.sin(found.direction_rad)]
+    first, last = np.full(piece.max() + 1, np.inf), np.full(piece.max() + 1, -np.inf)
+    np.minimum.at(first, piece, along)
+    np.maximum.at(last, piece, along)
+    return last - first
 
 
 def _pieces(found: PictureStripe) -> Int[np.ndarray, "n"]:
-    """The number of the connected piece that each point of the stripe belongs to."""
-    if not len(found.stripe.u_px):
+    """The number of the connected piece that each point of the stripe belongs to.
+
+    Single points beside the others (a ghost, spatter) do not break a piece; they are pieces of their own.
+    """
+    count = len(found.stripe.u_px)
+    if count == 0:
         return np.zeros(0, np.int64)
     points = _points(found)
+    broken = _broken(points, found)
+    alone = np.append(True, broken) & np.append(broken, True)
+    piece = np.empty(count, np.int64)
+    piece[~alone] = np.append(0, np.cumsum(_broken(points[~alone], found)))[: count - alone.sum()]
+    piece[alone] = piece[~alone].max(initial=-1) + 1 + np.arange(alone.sum())
+    return piece
+
+
+def _broken(points: Float[np.ndarray, "n 2"], found: PictureStripe) -> Bool[np.ndarray, "m"]:
+    """Whether the stripe ends between each point and the next: across a gap it may go on as steeply as walls do."""
     way = np.array([np.cos(found.direction_rad), np.sin(found.direction_rad)])
     along, across = np.diff(points @ way), np.diff(points @ [-way[1], way[0]])
-    broken = (along > _PIECE_GAP_PX * found.shrinking) | (np.abs(across) > _PIECE_JUMP_PX * found.shrinking)
-    return np.append(0, np.cumsum(broken))
+    gap = np.maximum(along - found.shrinking, 0)
+    jump = np.abs(across) > _PIECE_JUMP_PX * found.shrinking + _STEEPEST * gap
+    return (along > _PIECE_GAP_PX * found.shrinking) | jump
 
 
 def _chords(found: PictureStripe, piece: Int[np.ndarray, "n"]) -> tuple[Float[np.ndarray, "m 2"], Int[np.ndarray, "m"]]:
