@@ -62,7 +62,7 @@ class AmbientRenderer:
             self._scene.flags[flag] = 0
         self._shown = model.geom_group < _HEAD_GROUP  # as MuJoCo draws by default, without the sensor's head
         self._rgb = np.empty((self._pinhole.height_px, self._pinhole.width_px, 3), np.uint8)
-        graphics = _open_graphics(model, self._pinhole.width_px, self._pinhole.height_px)
+        graphics = _open_graphics(self._model, self._pinhole.width_px, self._pinhole.height_px)
         self._gl_context, self._buffers = graphics
         self._finalizer = weakref.finalize(self, _close_graphics, *graphics)
         self._finalizer.atexit = False  # at exit the driver may be gone already; the process frees all
@@ -201,13 +201,14 @@ def _lens(camera: CameraModel) -> tuple[CameraModel, tuple[np.ndarray, np.ndarra
 
 
 def _open_graphics(model: mujoco.MjModel, width_px: int, height_px: int) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
-    """An off-screen context without multisampling and shadows; the model's own settings are as before afterwards.
+    """An off-screen context without multisampling and shadows, which is set in the model: let it be a copy.
+
+    Set for a moment in a model that two threads share, one of them would undo it for the other.
 
     Not mujoco.Renderer: it takes the platform that was chosen when mujoco was first imported, and one without a screen
     ends the process.
     """
     quality, buffer = model.vis.quality, model.vis.global_
-    before = quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight
     quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = (0, 0, width_px, height_px)
     try:
         gl_context = _context_class()(width_px, height_px)
@@ -215,8 +216,6 @@ def _open_graphics(model: mujoco.MjModel, width_px: int, height_px: int) -> tupl
         buffers = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
     except (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError) as error:
         raise NotReady(OPENGL_HELP.format(cause=str(error) or type(error).__name__)) from error
-    finally:
-        quality.offsamples, quality.shadowsize, buffer.offwidth, buffer.offheight = before
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, buffers)
     return gl_context, buffers
 
