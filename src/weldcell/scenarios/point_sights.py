@@ -14,6 +14,7 @@ from weldcell.cell.errors import OutOfReach
 from weldcell.cell.frames import rigid_from
 from weldcell.cell.randomness import generator
 from weldcell.models.pyramid import Pyramid
+from weldcell.scenarios.candidates import gathered
 from weldcell.scenarios.sphere_sights import Spread, lit_and_in_picture
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at
@@ -28,8 +29,6 @@ _ACROSS_M, _DEPTH_M = (
 )  # of the apex from the crossing of camera axis and light, along the line and the light
 _FLANK_M = 0.010  # of the pyramid to either side that must be seen
 _JOGS = 3
-_CANDIDATES_PER_POSE = 8
-_ATTEMPTS_PER_CANDIDATE = 30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,16 +121,7 @@ def _candidates(
     rng: np.random.Generator,
 ) -> list[_Candidate]:
     """Random postures that see the apex and are clear of everything, several times `count`."""
-    candidates: list[_Candidate] = []
-    for _ in range(_CANDIDATES_PER_POSE * _ATTEMPTS_PER_CANDIDATE * count):
-        candidate = _candidate(station, apex_base, orientation(), rng)
-        if candidate is not None:
-            candidates.append(candidate)
-        if len(candidates) >= _CANDIDATES_PER_POSE * count:
-            break
-    if len(candidates) < count:
-        raise OutOfReach(f"point: found {len(candidates)} postures that see it in reach and clear, need {count}")
-    return candidates
+    return gathered(lambda: _candidate(station, apex_base, orientation(), rng), count, "point")
 
 
 def _candidate(

@@ -14,6 +14,7 @@ from weldcell.calib.sphere_sight import solve as solve_sphere_sight
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.randomness import generator
 from weldcell.scenarios.alignment import Alignment
+from weldcell.scenarios.candidates import gathered
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at
 
@@ -40,9 +41,6 @@ CALIBRATING = Spread(tilt_rad=np.radians(25), turn_rad=np.radians(40))
 """Wide enough to tell rotation from translation."""
 WORKING = Spread(tilt_rad=np.radians(15), turn_rad=np.radians(30))
 """As far as a torch leans and turns from its course along a seam."""
-
-_CANDIDATES_PER_POSE = 8
-_ATTEMPTS_PER_CANDIDATE = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,17 +184,7 @@ def _candidates(
     orientation: Callable[[], Rotation],
 ) -> list[_Candidate]:
     """Random postures that see the sphere and are clear of everything, several times `count`."""
-    candidates: list[_Candidate] = []
-    for _ in range(_CANDIDATES_PER_POSE * _ATTEMPTS_PER_CANDIDATE * count):
-        candidate = _candidate(station, centre_base, orientation(), rng)
-        if candidate is not None:
-            candidates.append(candidate)
-        if len(candidates) >= _CANDIDATES_PER_POSE * count:
-            break
-    if len(candidates) < count:
-        found = len(candidates)
-        raise OutOfReach(f"sphere: found {found} postures that see it in reach and clear of parts, need {count}")
-    return candidates
+    return gathered(lambda: _candidate(station, centre_base, orientation(), rng), count, "sphere")
 
 
 def _candidate(

@@ -3,8 +3,6 @@
 Millimetres and degrees in the files, metres and radians from here on. An error names file, line and column.
 """
 
-import csv
-import re
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -15,14 +13,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import BadInput
 from weldcell.cell.frames import rigid_from
+from weldcell.scenarios.csv_file import csv_number, csv_rows
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _EULER = ("rx_deg", "ry_deg", "rz_deg")
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT_TOLERANCE = 1e-3  # a unit quaternion printed with three digits after the point
-_LARGEST = 1e6  # a kilometre in mm: no robot's
 _LARGEST_FILE_BYTES = 200_000_000
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 EULER_SEQUENCES = tuple(
     "".join(letters)
@@ -133,7 +130,7 @@ def _read(path: Path, layouts: tuple[tuple[str, ...], ...]) -> _Table:
             raise BadInput(f"{path}, line {line}, column id: found nothing, expected a name")
         ids.append(cells["id"])
         lines.append(line)
-        values.append([_number(path, line, name, cells[name]) for name in numeric])
+        values.append([csv_number(cells[name], f"{path}, line {line}, column {name}") for name in numeric])
     return _Table(ids=tuple(ids), lines=tuple(lines), columns=numeric, values=np.array(values))
 
 
@@ -143,15 +140,7 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         raise BadInput(f"{path}: found {'a folder' if path.is_dir() else 'no such file'}, expected a CSV file")
     if path.stat().st_size > _LARGEST_FILE_BYTES:
         raise BadInput(f"{path}: found {path.stat().st_size} bytes, expected at most {_LARGEST_FILE_BYTES}")
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # reads a byte-order mark, and line ends of any system
-    except UnicodeDecodeError:
-        raise BadInput(f"{path}: found bytes that are not UTF-8 text, expected a CSV file") from None
-    reader = csv.reader(text.splitlines(keepends=True), strict=True, skipinitialspace=True)
-    try:
-        return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise BadInput(f"{path}, line {reader.line_num}: {error}, expected comma-separated values") from None
+    return csv_rows(path.read_bytes(), str(path))
 
 
 def _cells(path: Path, line: int, row: list[str], columns: tuple[str, ...]) -> dict[str, str]:
@@ -163,17 +152,6 @@ def _cells(path: Path, line: int, row: list[str], columns: tuple[str, ...]) -> d
             hint = f", column {columns[len(row)]} is the first that is missing"
         raise BadInput(f"{path}, line {line}: found {len(row)} cells, expected {len(columns)}{hint}")
     return dict(zip(columns, (cell.strip() for cell in row), strict=True))
-
-
-def _number(path: Path, line: int, column: str, text: str) -> float:
-    where = f"{path}, line {line}, column {column}"
-    if not _NUMBER.fullmatch(text):
-        hint = " (the decimal sign is a point)" if re.fullmatch(r"[+-]?\d*,\d+", text) else ""
-        raise BadInput(f"{where}: found {text[:40]!r}, expected a finite number{hint}")
-    value = float(text)
-    if not abs(value) <= _LARGEST:
-        raise BadInput(f"{where}: found {text[:40]}, expected at most {_LARGEST:.0f} in size")
-    return value
 
 
 def _refuse_twice(path: Path, table: _Table) -> None:

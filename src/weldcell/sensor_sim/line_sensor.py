@@ -188,13 +188,13 @@ class LineSensor:
         stripe = frame.dim_laser(self._stripe(data, middle, section))
         ghosts = [(own, frame.dim_laser(ghost)) for own, ghost in self._ghost_pieces(data, middle, section)]
         pieces = [stripe, *(ghost for _, ghost in ghosts)]
-        ambient_grey = self._ambient.render(data, middle)
         if self._config.motion_blur and moment.T_begin_end is not STANDING:
-            blurred = [self._pieces_at(data, pose) for pose in _poses(middle, moment.T_begin_end)]
-            pieces = [_dimmed(frame.dim_laser(one), 1 / _BLUR_STEPS) for poses in blurred for one in poses]
-            ambient_grey = np.mean(
-                [self._ambient.render(data, pose) for pose in _poses(middle, moment.T_begin_end)], axis=0
-            )
+            poses = _poses(middle, moment.T_begin_end)
+            pieces = [one for pose in poses for one in self._pieces_at(data, pose)]
+            pieces = [_dimmed(frame.dim_laser(one), 1 / _BLUR_STEPS) for one in pieces]
+            ambient_grey = np.mean([self._ambient.render(data, pose) for pose in poses], axis=0)
+        else:
+            ambient_grey = self._ambient.render(data, middle)
         return FrameLight(
             T_base_camera=middle,
             section=section,

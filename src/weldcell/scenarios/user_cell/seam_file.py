@@ -1,6 +1,5 @@
 """A seam as a polyline: `x_mm,y_mm,z_mm` and, for several lines, a column `feature` (e.g. left, root, right)."""
 
-import csv
 import re
 from pathlib import Path
 
@@ -8,13 +7,12 @@ import numpy as np
 
 from weldcell.cell.errors import BadInput
 from weldcell.models.own_part import SeamLines
+from weldcell.scenarios.csv_file import csv_number, csv_rows
 from weldcell.scenarios.user_cell.jail import bounded_bytes
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _EXPECTED = "x_mm,y_mm,z_mm or feature,x_mm,y_mm,z_mm"
 _MOST_ROWS, _MOST_BYTES = 20_000, 5_000_000
-_LARGEST_MM = 1e6
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _FEATURE = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
@@ -37,7 +35,7 @@ def read_seam(path: Path, where: str) -> SeamLines:
                 f"{where}, line {line}, column feature: found {feature[:40]!r}, expected a word such as root"
             )
         points.setdefault(feature, []).append(
-            [_number(cells[name], f"{where}, line {line}, column {name}") for name in _PLACE]
+            [csv_number(cells[name], f"{where}, line {line}, column {name}") for name in _PLACE]
         )
     if not points:
         raise BadInput(f"{where}: found the header alone, expected a point a row")
@@ -50,26 +48,9 @@ def read_seam(path: Path, where: str) -> SeamLines:
 
 def _rows(path: Path, where: str) -> list[tuple[int, list[str]]]:
     """The rows that hold anything, each with the number of its line."""
-    content = bounded_bytes(path, _MOST_BYTES, where)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise BadInput(f"{where}: found bytes that are not UTF-8 text, expected a CSV file") from None
-    reader = csv.reader(text.splitlines(keepends=True), strict=True, skipinitialspace=True)
-    try:
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise BadInput(f"{where}, line {reader.line_num}: {error}, expected comma-separated values") from None
+    rows = csv_rows(bounded_bytes(path, _MOST_BYTES, where), where)
     if not rows:
         raise BadInput(f"{where}: found an empty file, expected the header {_EXPECTED}")
     if len(rows) > _MOST_ROWS:
         raise BadInput(f"{where}: found {len(rows)} rows, expected at most {_MOST_ROWS}")
     return rows
-
-
-def _number(text: str, where: str) -> float:
-    if not _NUMBER.fullmatch(text):
-        raise BadInput(f"{where}: found {text[:40]!r}, expected a finite number")
-    if not abs(float(text)) <= _LARGEST_MM:
-        raise BadInput(f"{where}: found {text[:40]}, expected at most {_LARGEST_MM:.0f} in size")
-    return float(text)
