@@ -10,6 +10,7 @@ import pytest
 from weldcell.cell.configuration import SENSOR_PRESETS, CellConfig, RecordingConfig, SeamConfig
 from weldcell.cell.world.cell import CLEARANCE_M
 from weldcell.models.mesh_body import GROUP_ARM, GROUP_PARTS
+from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.command_line import main
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
@@ -44,8 +45,8 @@ def test_head_and_torch_stay_clear_of_the_plate_along_the_seam(preset):
         opened.place_plate()
         path = taught_path(opened)
         gaps_m = []
-        for crossing_base, heading_rad in zip(path.points_base, path.headings_rad, strict=True):
-            rotation = opened.rotation_base_flange(heading_rad)
+        for crossing_base, torch in zip(path.points_base, path.torch_rotations, strict=True):
+            rotation = torch * T_FLANGE_TORCH.rotation.inv()
             T_base_flange = flange_at(crossing_base, rotation, opened.head.crossing_flange)
             opened.cell.take(opened.controller.inverse(T_base_flange, opened.joints_rad))
             gaps_m.append(gap_to_parts_m(opened))

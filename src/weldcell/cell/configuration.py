@@ -16,6 +16,10 @@ RobotTier = Literal["perfect", "calibrated", "typical", "bad", "paper"]
 SensorPreset = Literal["p2", "p1", "profiler"]
 MaterialName = Literal["matt-white", "mill-scale", "ground-steel", "stainless", "aluminium", "polished"]
 TextureName = Literal["none", "brushed", "scratched"]
+JointName = Literal["butt", "v", "v-gap", "bevel", "u", "j", "lap", "fillet", "corner"]
+PathName = Literal["straight", "arc", "s", "surface", "saddle"]
+Guidance = Literal["laser", "scan", "arc", "none"]
+WeaveShape = Literal["none", "sine", "triangle"]
 DisturbanceKind = Literal["arc", "spatter", "fume", "stripe-lost", "sensor-knocked", "stuck-exposure"]
 
 Positive = Annotated[float, Gt(0), Le(1e6)]
@@ -184,40 +188,132 @@ class CalibrationConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class SeamConfig:
-    """The V-groove plate and its scan."""
+    """The workpiece with its seam, and its scan; `SEAM_PRESETS` holds the sizes that are each joint's defaults."""
 
+    joint: JointName = "v"
+    """Joint; the other fields' defaults are sizes that suit it."""
+    path: PathName = "s"
+    """Course of the seam; `surface` is an S on a free-form surface (grooves), `saddle` a branch pipe on a run pipe."""
     length_mm: Positive = 300.0
-    """Length of the plate along the seam."""
+    """Length of the part along the seam."""
     width_mm: Positive = 160.0
-    """Width of the plate across the seam."""
+    """Width of the part across the seam."""
     thickness_mm: Positive = 60.0
-    """Plate thickness."""
-    groove_angle_deg: Annotated[float, Ge(10), Le(120)] = 45.0
+    """Plate thickness; of a lap and a fillet that of the lower plate."""
+    groove_angle_deg: Annotated[float, Ge(0), Le(120)] = 45.0
     """Groove angle between the two walls."""
     root_gap_mm: Unsigned = 0.0
-    """Gap at the root."""
+    """Gap at the root; of a lap and a fillet between the plates."""
+    root_gap_end_mm: Annotated[float, Ge(-1), Le(1e6)] = -1.0
+    """Gap at the seam's end if it changes evenly along the seam; -1 is the same all along."""
     root_face_mm: Unsigned = 4.0
     """Height of the land below the root."""
+    root_radius_mm: Unsigned = 0.0
+    """Radius of the rounded bottom of a U or J."""
+    mismatch_mm: Finite = 0.0
+    """How much higher the left member of a groove stands."""
+    upper_thickness_mm: Unsigned = 0.0
+    """Thickness of a lap's upper plate and of a fillet's web; 0 is the lower plate's."""
+    rise_mm: Positive = 50.0
+    """Height of a fillet's web; length of a corner's plates along their inner sides."""
+    corner_angle_deg: Annotated[float, Ge(30), Le(150)] = 90.0
+    """Angle between both plates of a corner, on the inner side."""
     amplitude_mm: Unsigned = 20.0
-    """How far the S-shaped path swings to either side."""
+    """How far an S-shaped path swings to either side."""
+    radius_mm: Finite = 400.0
+    """Radius of an arc; negative bends to the right."""
+    surface_wave_mm: Unsigned = 18.0
+    """How far a free-form surface swings up and down along the seam."""
+    run_radius_mm: Positive = 75.0
+    """Outer radius of a saddle's run pipe."""
+    branch_radius_mm: Positive = 35.0
+    """Outer radius of a saddle's branch pipe."""
+    saddle_deg: tuple[Finite, Finite] = (200.0, 340.0)
+    """Where a saddle's seam begins and ends about the branch's axis, from the run's direction counter-clockwise."""
+    tack_welds: Annotated[int, Ge(0), Le(50)] = 0
+    """Tack welds, evenly along the seam."""
+    tack_length_mm: Positive = 15.0
+    """Length of a tack weld."""
+    part_file: str = ""
+    """YAML file of a part of one's own, instead of all these sizes; `joint` says how its seam is found."""
     material: MaterialName = "matt-white"
-    """What the plate's surface is."""
+    """What the part's surface is."""
     texture: TextureName = "none"
-    """Pattern of the plate's brightness."""
+    """Pattern of the part's brightness."""
     tack_spots: Annotated[int, Ge(0), Le(100)] = 0
     """Dark heat-tinted spots along the seam, where it was tacked."""
     position_mm: Point = (930.0, 0.0, 300.0)
-    """Centre of the plate's underside, in the robot base, as the controller was told."""
+    """Centre of the part's underside, in the robot base, as the controller was told."""
     yaw_deg: Finite = 90.0
     """Direction of the seam and of travel, about the vertical from the base's x."""
     misplacement_mm: Unsigned = 2.0
-    """How far off the plate actually stands (one sigma, horizontal)."""
+    """How far off the part actually stands (one sigma, horizontal)."""
     misplacement_deg: Unsigned = 0.3
-    """How far off the plate is actually turned (one sigma)."""
+    """How far off the part is actually turned (one sigma)."""
     frames: Annotated[int, Ge(8), Le(100_000)] = 300
     """Pictures along the seam."""
     speed_mm_s: Positive = 20.0
     """Scan speed."""
+
+
+SEAM_PRESETS: dict[JointName, SeamConfig] = {
+    "v": SeamConfig(),
+    "v-gap": SeamConfig(joint="v-gap", thickness_mm=20.0, groove_angle_deg=60.0, root_gap_mm=2.0, root_face_mm=2.0),
+    "butt": SeamConfig(joint="butt", thickness_mm=8.0, root_gap_mm=1.0, root_face_mm=0.0),
+    "bevel": SeamConfig(joint="bevel", thickness_mm=20.0, groove_angle_deg=45.0, root_face_mm=2.0),
+    "u": SeamConfig(joint="u", thickness_mm=25.0, groove_angle_deg=20.0, root_face_mm=3.0, root_radius_mm=6.0),
+    "j": SeamConfig(joint="j", thickness_mm=25.0, groove_angle_deg=20.0, root_face_mm=3.0, root_radius_mm=8.0),
+    "lap": SeamConfig(joint="lap", thickness_mm=6.0, root_face_mm=0.0),
+    "fillet": SeamConfig(joint="fillet", thickness_mm=10.0, root_face_mm=0.0),
+    "corner": SeamConfig(joint="corner", thickness_mm=12.0, root_face_mm=2.0),
+}
+"""P2's plate for the V; the others in sizes that ISO 9692-1 recommends for arc welding, with plates that suit them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeldConfig:
+    """Welding along the seam, guided by a sensor."""
+
+    guidance: Guidance = "laser"
+    """What guides the torch: the laser ahead of it, a scan made before, the arc's current, or nothing (as taught)."""
+    speed_mm_s: Annotated[float, Gt(0), Le(500)] = 10.0
+    """Welding speed."""
+    frame_hz: Annotated[float, Ge(1), Le(1000)] = 10.0
+    """Pictures a second while welding."""
+    latency_ms: Unsigned = 50.0
+    """From a picture's exposure until its result is there."""
+    servo_hz: Annotated[float, Ge(100), Le(10_000)] = 1000.0
+    """Rate at which the drives' physics steps."""
+    command_hz: Annotated[float, Ge(20), Le(1000)] = 125.0
+    """Rate at which the controller takes new places for the torch."""
+    stick_out_mm: Annotated[float, Ge(5), Le(50)] = 15.0
+    """Free wire between contact tip and work where the torch is at its right height."""
+    height_mm: Annotated[float, Ge(-20), Le(100)] = 0.0
+    """Wire's tip above the seam's root (or edge), along the wire."""
+    work_angle_deg: Angle = 0.0
+    """How far the torch leans to the right, across the seam."""
+    travel_angle_deg: Annotated[float, Ge(-45), Le(45)] = 0.0
+    """How far the torch leans in the direction of travel: positive drags, negative pushes."""
+    misplacement_mm: Annotated[float, Ge(0), Le(50)] = 5.0
+    """How far off the part stands from where the controller was told (its direction is drawn)."""
+    misplacement_deg: Annotated[float, Ge(0), Le(10)] = 1.0
+    """How far off it is turned (either way, drawn)."""
+    drift_mm: Annotated[float, Ge(0), Le(20)] = 2.0
+    """How far the part drifts from when the arc is lit until the seam's end, by heat (its direction is drawn)."""
+    arc: bool = True
+    """Whether arc, spatter and fume disturb the sensor while the torch welds."""
+    lost_frames_ratio: Share = 0.0
+    """Share of the pictures that never arrive, at random."""
+    weave: WeaveShape = "none"
+    """Whether and how the torch weaves across the seam (guidance by the arc weaves as a sine at least)."""
+    weave_amplitude_mm: Annotated[float, Ge(0), Le(10)] = 2.0
+    """How far the weave swings to either side."""
+    weave_hz: Annotated[float, Gt(0), Le(10)] = 2.0
+    """Weaves a second."""
+    feed_forward: bool = True
+    """Whether the drives know velocity and torque of the path ahead, or follow places alone."""
+    drift_model: bool = True
+    """Whether the tracker tells drift from misplacement, and predicts it until the torch comes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -380,6 +476,8 @@ class CellConfig:
     """Error budget of the actual robot."""
     method: CalibrationMethod = "joint"
     """Calibration: P2's compensation by touches, or one joint estimate that finds the robot's own errors as well."""
+    arm_file: str = ""
+    """YAML file of an arm of one's own, instead of the cell's."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
     """The laser-line sensor."""
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
@@ -387,7 +485,9 @@ class CellConfig:
     laser_plane: LaserPlaneConfig = field(default_factory=LaserPlaneConfig)
     """Camera and light plane by boards."""
     seam: SeamConfig = field(default_factory=SeamConfig)
-    """V-groove plate and scan."""
+    """Workpiece with its seam, and scan."""
+    weld: WeldConfig = field(default_factory=WeldConfig)
+    """Welding along the seam in closed loop."""
     boss: BossConfig = field(default_factory=BossConfig)
     """Boss and scan."""
     disturbances: tuple[Disturbance, ...] = ()

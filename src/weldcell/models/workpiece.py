@@ -64,16 +64,16 @@ class Workpiece:
         """The same part of this material, with this pattern and with tack spots evenly along its seam."""
         if texture == "none" and tack_spots == 0:
             return replace(self, material=material, texture=None)
-        root = self._seam_middle() if tack_spots > 0 else np.empty((0, 3))
+        root = self.seam_middle() if tack_spots > 0 else np.empty((0, 3))
         low, high = self.vertices_part.min(axis=0), self.vertices_part.max(axis=0)
         rng = generator(seed, f"texture of {self.name}")
         pattern = surface_texture(low, high, texture, even_spots(root, tack_spots), rng)
         return replace(self, material=material, texture=pattern)
 
-    def _seam_middle(self) -> Float[np.ndarray, "n 3"]:
-        """The root, a U's centre, or midway between the features."""
+    def seam_middle(self) -> Float[np.ndarray, "n 3"]:
+        """Points along the seam (m, part): its root, a U's centre, or midway between its features."""
         if self.seam_part is None:
-            raise BadGeometry(f"workpiece {self.name}: tack spots need a seam, found none")
+            raise BadGeometry(f"workpiece {self.name}: expected a seam, found none")
         points = self.seam_part.points
         for name in ("root", "centre"):
             if name in points:

@@ -2,12 +2,13 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import JobFailed
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.scanning import ScanPath, scan
 from weldcell.scenarios.station import Sight, Station
+from weldcell.scenarios.torch_poses import torch_rotation
 from weldcell.tracking.boss import BossMeasure, measure_boss
 from weldcell.tracking.planes import fit_planes
 
@@ -64,12 +65,12 @@ def _path(station: Station) -> ScanPath:
     ahead_m = (crossing_m - foot_m) * np.tan(_LEAN_RAD)  # so far on the leaning light meets the base
     centre_base = station.planner.known_cell.T_base_part("boss").translation
     forward = np.array([np.cos(station.heading_rad), np.sin(station.heading_rad), 0.0])
+    leaning = torch_rotation(station.heading_rad, _LEAN_RAD, station.heading_rad - np.pi / 2)
     along_m = np.linspace(-half_m, half_m, config.frames) - ahead_m
     return ScanPath(
         points_base=centre_base + [0, 0, crossing_m] + along_m[:, None] * forward,
-        headings_rad=np.full(config.frames, station.heading_rad),
+        torch_rotations=Rotation.concatenate([leaning] * config.frames),
         speed_m_s=1e-3 * config.speed_mm_s,
-        lean_rad=_LEAN_RAD,
     )
 
 

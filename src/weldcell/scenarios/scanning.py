@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.world.motion import Motion
+from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.station import Sight, Station
 from weldcell.scenarios.torch_poses import flange_at
 
@@ -17,15 +18,13 @@ _LARGEST_STEP_RAD = 0.6  # between two pictures; more means that the arm changed
 
 @dataclass(frozen=True, kw_only=True)
 class ScanPath:
-    """Where the light plane meets the camera's axis for each picture, and which way the sensor travels."""
+    """Where the light plane meets the camera's axis for each picture, and how the torch is turned."""
 
     points_base: Float[np.ndarray, "n 3"]
     """The crossing, m."""
-    headings_rad: Float[np.ndarray, "n"]
-    """Direction of travel about the vertical, from the base's x."""
+    torch_rotations: Rotation
+    """R_base_torch for each picture: the torch's x is where it travels, its z along the wire (and the light)."""
     speed_m_s: float
-    lean_rad: float = 0.0
-    """How far the torch leans forward from the vertical: its light comes from behind, the camera looks down steeper."""
 
     @property
     def times_s(self) -> Float[np.ndarray, "n"]:
@@ -47,8 +46,10 @@ def scan(station: Station, path: ScanPath, stage: str) -> Iterator[Sight]:
 
 
 def _motion(station: Station, path: ScanPath, stage: str) -> Motion:
-    along = zip(path.points_base, path.headings_rad, strict=True)
-    poses = [_flange(station, point, heading, path.lean_rad) for point, heading in along]
+    rotations = path.torch_rotations * T_FLANGE_TORCH.rotation.inv()
+    crossing_flange = station.head.crossing_flange
+    along = zip(path.points_base, rotations, strict=True)
+    poses = [flange_at(point_base, rotation, crossing_flange) for point_base, rotation in along]
     for start_rad in station.controller.all_inverse(poses[0]):
         joints_rad = _followed(station, poses, start_rad)
         if joints_rad is not None:
@@ -64,13 +65,6 @@ def _require_speeds(station: Station, motion: Motion) -> None:
     share = float(np.max(speeds / station.controller.speeds_rad_s))
     if share > 1:
         raise OutOfReach(f"scan: the path takes {share:.1f} times the joints' largest speed, expected a slower scan")
-
-
-def _flange(
-    station: Station, point_base: Float[np.ndarray, "3"], heading_rad: float, lean_rad: float
-) -> RigidTransform:
-    rotation = station.rotation_base_flange(heading_rad, lean_rad, heading_rad - np.pi / 2)
-    return flange_at(point_base, rotation, station.head.crossing_flange)
 
 
 def _followed(

@@ -1,6 +1,6 @@
-"""The V-groove scanned along its taught path, its seam fitted, and the fit compared with the exact one."""
+"""A seam scanned along its taught path, fitted, and compared with the exact one: sensor alone, and torch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,12 +13,12 @@ from weldcell.cell.seam import Seam, distance_to_polyline
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.scanning import ScanPath, scan
 from weldcell.scenarios.station import Station
-from weldcell.tracking.joint import find_joint
+from weldcell.scenarios.torch_poses import torch_rotations
+from weldcell.tracking.joint import JOINT_KINDS, find_joint
 from weldcell.tracking.seam_fit import fit_seam
 
-FEATURES = ("left", "root", "right")
-
-_TIP_ABOVE_M = 0.020  # the plate: clear of it, with its root within the range
+_TIP_ABOVE_M = 0.020  # the joint's highest feature: clear of it, with its root within the range
+_MIDDLE = "middle"
 _END_MARGIN_M = 0.012  # at the ends the section, square to the slanting path, would miss the plate's corners
 
 
@@ -32,8 +32,12 @@ class TrackedSeam:
     """When they were taken."""
     T_base_flange: RigidTransform
     """Stack of n flange poses, one a frame, as far as the arm is known."""
-    points_base: dict[str, Float[np.ndarray, "n 3"]]
+    points_camera: dict[str, Float[np.ndarray, "n 3"]]
     """Features measured in each frame, NaN where not found."""
+    T_base_camera_actual: RigidTransform
+    """Stack of n poses where the camera really was: for comparison only."""
+    points_base: dict[str, Float[np.ndarray, "n 3"]]
+    """The same placed by hand-eye transform and arm."""
     valid: Bool[np.ndarray, "n"]
     seam: Seam
     """The fitted seam in the base, sampled at the frames."""
@@ -41,11 +45,11 @@ class TrackedSeam:
 
 def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
     """Scans the plate and fits its seam; raises JobFailed if the seam was not found."""
-    station.begin("seam", "V-groove seam")
+    station.begin("seam", "Seam")
     station.place_plate()
-    frames, times_s, joints_rad, T_base_flange, found = [], [], [], [], []
+    frames, times_s, joints_rad, T_base_flange, cameras, found = [], [], [], [], [], []
     previous: JointFeatures | None = None
-    kind = "v-gap" if station.config.seam.root_gap_mm else "v"
+    kind = joint_kind(station)
     for sight in scan(station, taught_path(station), "seam"):
         joint = find_joint(sight.profile, kind, station.belief.plane, previous=previous)
         previous = joint if joint.valid else previous
@@ -54,12 +58,15 @@ def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
         times_s.append(sight.shot.time_s)
         joints_rad.append(sight.joints_rad)
         T_base_flange.append(sight.shot.T_base_flange)
+        cameras.append(station.cell.T_base("camera"))
         found.append(joint)
     flanges = alignment.flanges(np.array(joints_rad), RigidTransform.concatenate(T_base_flange))
     T_base_camera = flanges * alignment.T_flange_camera
-    points = alignment.corrected(np.stack([joint.points_camera for joint in found], axis=1), station.belief)
-    points_base = {name: T_base_camera.apply(points[k]) for k, name in enumerate(FEATURES)}
-    sigma_m = {name: np.array([joint.sigma_m[k] for joint in found]) for k, name in enumerate(FEATURES)}
+    names = JOINT_KINDS[kind].names
+    seen = np.stack([joint.points_camera for joint in found], axis=1)
+    points = alignment.corrected(seen, station.belief)
+    points_base = {name: T_base_camera.apply(points[k]) for k, name in enumerate(names)}
+    sigma_m = {name: np.array([joint.sigma_m[k] for joint in found]) for k, name in enumerate(names)}
     valid = np.array([joint.valid for joint in found])
     if valid.sum() < len(valid) / 2:
         raise JobFailed(f"seam: found in {valid.sum()} of {len(valid)} frames only; last reason: {found[-1].reason}")
@@ -67,34 +74,53 @@ def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
         frames=np.array(frames),
         times_s=np.array(times_s),
         T_base_flange=flanges,
+        points_camera=dict(zip(names, points, strict=True)),
+        T_base_camera_actual=RigidTransform.concatenate(cameras),
         points_base=points_base,
         valid=valid,
         seam=_sampled(fit_seam(points_base, sigma_m=sigma_m), len(valid)),
     )
 
 
+def joint_kind(station: Station) -> str:
+    """What to look for: the configuration's joint, a V with a gap if it has one."""
+    seam = station.config.seam
+    gapped = max(seam.root_gap_mm, seam.root_gap_end_mm) > 0
+    return "v-gap" if seam.joint == "v" and gapped else seam.joint
+
+
 def taught_path(station: Station) -> ScanPath:
-    """The seam's centre line as drawn, on the plate as the controller was told it lies."""
-    config, drawn = station.config.seam, station.parts.plate.seam_part
+    """Along the seam as drawn, on the part as the controller was told it lies, the wire against the approach."""
+    config, part = station.config.seam, station.parts.plate
+    drawn = part.seam_part
     assert drawn is not None
-    first_m, last_m = drawn.arc_length_m[0] + _END_MARGIN_M, drawn.arc_length_m[-1] - _END_MARGIN_M
-    line_part = drawn.at("root", np.linspace(first_m, last_m, config.frames))
-    line_part[:, 2] = 1e-3 * config.thickness_mm + _TIP_ABOVE_M - station.head.below_tip_m
-    points_base = station.planner.known_cell.T_base_part("plate").apply(line_part)
-    steps = np.gradient(points_base, axis=0)
+    arc_length_m = np.linspace(
+        drawn.arc_length_m[0] + _END_MARGIN_M, drawn.arc_length_m[-1] - _END_MARGIN_M, config.frames
+    )
+    drawn = replace(drawn, points={**drawn.points, _MIDDLE: part.seam_middle()})
+    middle_part = drawn.at(_MIDDLE, arc_length_m)
+    approach_part = np.tile([0.0, 0.0, 1.0], (config.frames, 1))
+    if drawn.approach is not None:
+        approach_part = drawn.approach_at(arc_length_m)
+    lines_part = [drawn.at(name, arc_length_m) for name in drawn.points]
+    above_m = np.max([np.sum((line - middle_part) * approach_part, axis=1) for line in lines_part])
+    crossing_m = above_m + _TIP_ABOVE_M - station.head.below_tip_m
+    T_base_part = station.planner.known_cell.T_base_part("plate")
+    points_base = T_base_part.apply(middle_part + crossing_m * approach_part)
+    travel_base = np.gradient(T_base_part.apply(middle_part), axis=0)
     return ScanPath(
         points_base=points_base,
-        headings_rad=np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])),
+        torch_rotations=torch_rotations(travel_base, T_base_part.rotation.apply(approach_part)),
         speed_m_s=1e-3 * config.speed_mm_s,
     )
 
 
 def seam_metrics(station: Station, tracked: TrackedSeam, alignment: Alignment) -> dict[str, float]:
-    """Torch errors of the fitted seam against the exact one, over all frames."""
+    """Torch errors of the fitted seam against the exact one over all frames, and the sensor's own in single frames."""
     exact = exact_seam_base(station)
+    names = [name for name in tracked.points_base if name in exact]
     errors_mm = {
-        name: 1e3 * distance_to_polyline(_tips_base(station, tracked, alignment, name), exact[name])
-        for name in FEATURES
+        name: 1e3 * distance_to_polyline(_tips_base(station, tracked, alignment, name), exact[name]) for name in names
     }
     for kind, lines in (("true", exact), ("measured", tracked.seam.points)):
         station.recording.log_lines(kind, lines, frame=station.frame, time_s=station.time_s)
@@ -103,6 +129,11 @@ def seam_metrics(station: Station, tracked: TrackedSeam, alignment: Alignment) -
     for name, errors in errors_mm.items():
         metrics[f"seam_{name}_mean_error_mm"] = float(errors.mean())
         metrics[f"seam_{name}_max_error_mm"] = float(errors.max())
+    for name in names:
+        seen_base = tracked.T_base_camera_actual.apply(tracked.points_camera[name])[tracked.valid]
+        errors = 1e3 * distance_to_polyline(seen_base, exact[name])
+        metrics[f"seam_{name}_sensor_mean_error_mm"] = float(errors.mean())
+        metrics[f"seam_{name}_sensor_max_error_mm"] = float(errors.max())
     return metrics
 
 

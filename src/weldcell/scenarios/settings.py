@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
 
-from weldcell.cell.configuration import SENSOR_PRESETS, CellConfig, SensorConfig, SensorPreset
+from weldcell.cell.configuration import SEAM_PRESETS, SENSOR_PRESETS, CellConfig, SeamConfig, SensorConfig
 from weldcell.cell.errors import BadInput
 from weldcell.scenarios.catalogue import did_you_mean
 from weldcell.scenarios.yaml_file import read_yaml
@@ -90,9 +90,25 @@ class Settings:
         return {"scenario": self.scenario, "seed": self.seed, **dataclasses.asdict(self.config)}
 
 
-_PRESET = "sensor.preset"
-_SCENARIO_PRESETS: Mapping[str, SensorPreset] = {"hand-eye-point": "p1"}
-"""The sensor of a scenario that is not to have P2's unless it is asked for."""
+_PRESETS: Mapping[str, tuple[str, Mapping[Any, Any]]] = {
+    "sensor.preset": (SensorConfig.preset, SENSOR_PRESETS),
+    "seam.joint": (SeamConfig.joint, SEAM_PRESETS),
+}
+"""Fields whose value sets the defaults of their whole section: the usual value, and the section for each."""
+_SCENARIO_DEFAULTS: Mapping[str, Mapping[str, object]] = {
+    "hand-eye-point": {"sensor.preset": "p1"},
+    "u-seam": {
+        "seam.joint": "u",
+        "seam.path": "surface",
+        "seam.width_mm": 100.0,
+        "seam.thickness_mm": 20.0,
+        "seam.root_face_mm": 10.0,
+        "seam.root_radius_mm": 4.0,
+        "seam.amplitude_mm": 12.0,
+    },
+    "weld": {"seam.thickness_mm": 12.0, "seam.groove_angle_deg": 60.0, "seam.root_face_mm": 2.0},
+}
+"""What a scenario has unless it is asked for otherwise, where that is not the field's own default."""
 _SEED = Field(path="seed", hint=Seed, default=0, meaning="Where all randomness of the run comes from.")
 
 
@@ -109,21 +125,28 @@ def resolve(
         _check_scenario(file, mapping.pop("scenario", scenario), scenario)
         file_seed = _SEED.check(mapping.pop("seed", _SEED.default), f"{file}: seed")
         values |= dict(_from_mapping(mapping, known, file))
-    if _PRESET in given and _PRESET in values:  # what the file only has from its own preset gives way to the new one
-        old = _preset_values(values)
-        values = {path: value for path, value in values.items() if path not in old or value != old[path]}
-    values = {_PRESET: _SCENARIO_PRESETS.get(scenario, SensorConfig.preset)} | values | given
+    usual = dict(_SCENARIO_DEFAULTS.get(scenario, {}))
+    for preset in _PRESETS:
+        section, plain = preset.split(".")[0], usual.get(preset, _PRESETS[preset][0])
+        if preset in given and preset in values:  # what the file only has from its own preset gives way to the new one
+            old = _preset_values(values, preset) | usual
+            values = {path: value for path, value in values.items() if path not in old or value != old[path]}
+        if {**values, **given}.get(preset, plain) != plain:  # another kind of thing has its own sizes
+            usual = {path: value for path, value in usual.items() if not path.startswith(f"{section}.")}
+    values = usual | values | given
+    defaults = {path: value for preset in _PRESETS for path, value in _preset_values(values, preset).items()}
     return Settings(
         scenario=scenario,
         seed=file_seed if seed is None else _SEED.check(seed, "--seed"),
-        config=_build(CellConfig, _preset_values(values) | values),
+        config=_build(CellConfig, defaults | values),
     )
 
 
-def _preset_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The sensor's fields as the chosen preset has them."""
-    preset = SENSOR_PRESETS[values.get(_PRESET, SensorConfig.preset)]
-    return {f"sensor.{name}": value for name, value in vars(preset).items()}
+def _preset_values(values: Mapping[str, Any], preset: str) -> dict[str, Any]:
+    """The fields of a preset's section as the chosen value has them."""
+    usual, sections_by_value = _PRESETS[preset]
+    section = preset.split(".")[0]
+    return {f"{section}.{name}": value for name, value in vars(sections_by_value[values.get(preset, usual)]).items()}
 
 
 @cache

@@ -19,6 +19,14 @@ def torch_rotation(heading_rad: float, tilt_rad: float = 0.0, tilt_towards_rad: 
     return Rotation.from_rotvec(tilt_rad * axis) * upright
 
 
+def torch_rotations(travel_base: Float[np.ndarray, "n 3"], approach_base: Float[np.ndarray, "n 3"]) -> Rotation:
+    """R_base_torch (stack) with the wire against each approach and x along the travel, as far as that is across it."""
+    wire = -approach_base / np.linalg.norm(approach_base, axis=1, keepdims=True)
+    side = np.cross(wire, travel_base)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    return Rotation.from_matrix(np.stack([np.cross(side, wire), side, wire], axis=2))
+
+
 def flange_at(
     point_base: Float[np.ndarray, "3"], rotation_base_flange: Rotation, point_flange: Float[np.ndarray, "3"]
 ) -> RigidTransform:

@@ -12,6 +12,7 @@ from weldcell.cell.frames import translation
 from weldcell.cell.world.cell import CLEARANCE_M, Cell
 from weldcell.cell.world.controller import Controller
 from weldcell.cell.world.robot_error import JOINTS, RobotError, exact_robot
+from weldcell.cell.world.seam_part import seam_part
 from weldcell.models.arm import KR5_ARC, build_arm
 from weldcell.models.board import Board
 from weldcell.models.boss import boss
@@ -20,7 +21,6 @@ from weldcell.models.room import BENCH_TOP_M, build_room
 from weldcell.models.sensor_head import HeadDesign, build_sensor_head
 from weldcell.models.sphere import sphere_stand
 from weldcell.models.torch import T_FLANGE_TORCH, build_torch
-from weldcell.models.v_groove import v_groove_plate
 from weldcell.models.workpiece import Workpiece
 
 HOME_RAD = np.radians([11.7, -75.7, 76.3, -34.4, 96.1, -80.0])
@@ -37,7 +37,7 @@ SHELF = {
 AWAY = translation([-1.0, -1.6, 0.1])
 """Where boards lie while they are not in use."""
 
-_BODIES = {"sphere": "stand/sphere_stand", "plate": "v_groove_plate", "boss": "boss"}
+_BODIES = {"sphere": "stand/sphere_stand", "boss": "boss"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,17 +52,9 @@ class Parts:
 
 def build_parts(config: CellConfig) -> Parts:
     """The parts that a configuration asks for."""
-    seam, block = config.seam, config.boss
+    block = config.boss
     return Parts(
-        plate=v_groove_plate(
-            length_m=1e-3 * seam.length_mm,
-            width_m=1e-3 * seam.width_mm,
-            thickness_m=1e-3 * seam.thickness_mm,
-            groove_angle_rad=float(np.radians(seam.groove_angle_deg)),
-            root_gap_m=1e-3 * seam.root_gap_mm,
-            root_face_m=1e-3 * seam.root_face_mm,
-            amplitude_m=1e-3 * seam.amplitude_mm,
-        ).with_surface(seam.material, seam.texture, seam.tack_spots),
+        plate=seam_part(config.seam),
         boss=boss(
             slant_edge_m=1e-3 * block.slant_edge_mm,
             slope_rad=float(np.radians(block.slope_deg)),
