@@ -109,6 +109,8 @@ _SCENARIO_DEFAULTS: Mapping[str, Mapping[str, object]] = {
     "weld": {"seam.thickness_mm": 12.0, "seam.groove_angle_deg": 60.0, "seam.root_face_mm": 2.0},
 }
 """What a scenario has unless it is asked for otherwise, where that is not the field's own default."""
+_FILES = ("arm_file", "seam.part_file")
+"""Fields that name files."""
 _SEED = Field(path="seed", hint=Seed, default=0, meaning="Where all randomness of the run comes from.")
 
 
@@ -118,13 +120,13 @@ def resolve(
     """The settings of a run of `scenario`: defaults < `file` < `seed` and `options` (value by field, e.g. robot)."""
     known = {field.path: field for field in fields()}
     values: dict[str, Any] = {}
-    given = {path: known[path].check(value, option_name(path)) for path, value in (options or {}).items()}
+    given = _with_places({path: known[path].check(x, option_name(path)) for path, x in (options or {}).items()}, Path())
     file_seed = _SEED.default
     if file is not None:
         mapping = read_yaml(file)
         _check_scenario(file, mapping.pop("scenario", scenario), scenario)
         file_seed = _SEED.check(mapping.pop("seed", _SEED.default), f"{file}: seed")
-        values |= dict(_from_mapping(mapping, known, file))
+        values |= _with_places(dict(_from_mapping(mapping, known, file)), file.parent)
     usual = dict(_SCENARIO_DEFAULTS.get(scenario, {}))
     for preset in _PRESETS:
         section, plain = preset.split(".")[0], usual.get(preset, _PRESETS[preset][0])
@@ -140,6 +142,12 @@ def resolve(
         seed=file_seed if seed is None else _SEED.check(seed, "--seed"),
         config=_build(CellConfig, defaults | values),
     )
+
+
+def _with_places(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The values with names of files made whole: they are relative to the file that names them, or to where we are."""
+    named = {path: str((folder / values[path]).resolve()) for path in _FILES if values.get(path)}
+    return values | named
 
 
 def _preset_values(values: Mapping[str, Any], preset: str) -> dict[str, Any]:

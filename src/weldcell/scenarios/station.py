@@ -28,7 +28,9 @@ from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
 from weldcell.scenarios.torch_poses import flange_at, torch_rotation
+from weldcell.scenarios.user_cell.own_cell import own_cell
 from weldcell.sensor_sim.design import nominal_camera, nominal_plane, nominal_source_camera
+from weldcell.sensor_sim.disturbances import Disturbances
 from weldcell.sensor_sim.line_sensor import STANDING, LineSensor, Moment
 from weldcell.tracking.stripe import find_stripe
 from weldcell.tracking.triangulation import triangulate
@@ -71,23 +73,28 @@ class Station:
     ) -> None:
         """`boards` are targets besides the usual parts, out of the way until they are placed."""
         self.config, self.seed, self.recording, self.progress = config, seed, recording, progress
-        self.parts = build_parts(config)
+        own = own_cell(config)
+        for remark in own.remarks:
+            progress.stage(f"weldcell: note: {remark}")
+        self.parts = build_parts(config, own.part)
         error = draw_error(BUDGETS[config.robot], generator(seed, "robot"))
         camera, plane = nominal_camera(config.sensor), nominal_plane(config.sensor)
         self.actual_plane = plane
         self.belief = believed_sensor(camera, plane, error)
         self.head = head_design(config.sensor)
-        self.cell = build_cell(self.parts, self.head, error, boards)
-        known_cell = build_cell(self.parts, self.head, None, boards)
-        self.controller = build_controller(known_cell)
+        self.cell = build_cell(self.parts, self.head, error, boards, own.arm)
+        known_cell = build_cell(self.parts, self.head, None, boards, own.arm)
+        self.controller = build_controller(known_cell, own.arm)
         self.arm = nominal_arm(self.controller, known_cell.model)
         self.heading_rad = float(np.radians(config.seam.yaw_deg))
-        home_rad = self._home_posture()
+        home_rad = self._home_posture() if own.arm is None else own.arm.home_rad
         self.planner = MotionPlanner(controller=self.controller, known_cell=known_cell, home_rad=home_rad)
         source_camera = nominal_source_camera(config.sensor)
         self.sensor = LineSensor(
             config.sensor, camera, plane, source_camera, self.cell.model, script=config.disturbances, seed=seed
         )
+        self.script: Disturbances | None = None
+        """What disturbs the sensor from now on; None: what the configuration says."""
         self.joints_rad = home_rad.copy()
         self.time_s = 0.0
         self.frame = 0
@@ -133,9 +140,12 @@ class Station:
             cell.place(name, T)
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
 
-    def place_plate(self) -> None:
-        """Puts the plate where the configuration says, and actually a little off."""
+    def place_plate(self, misplacement: RigidTransform | None = None) -> None:
+        """Puts the plate where the configuration says, and actually a little off: so much, or drawn."""
         seam = self.config.seam
+        if misplacement is not None:
+            self._place("plate", _told(seam.position_mm, seam.yaw_deg), misplacement)
+            return
         self._place_workpiece("plate", seam.position_mm, seam.yaw_deg, seam.misplacement_mm, seam.misplacement_deg)
 
     def place_boss(self) -> None:
@@ -156,14 +166,24 @@ class Station:
         self.cell.take(self.joints_rad)
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
 
-    def see(self, stage: str, index: int, rates_rad_s: Float[np.ndarray, "6"] | None = None) -> Sight:
-        """One picture from where the arm stands, with its profile; `rates_rad_s` are those of a moving arm's joints."""
-        moment = self._moment(f"{stage}/pose", index, rates_rad_s)
+    def see(
+        self,
+        stage: str,
+        index: int,
+        rates_rad_s: Float[np.ndarray, "6"] | None = None,
+        stray_rad: Float[np.ndarray, "6"] | None = None,
+    ) -> Sight:
+        """One picture from where the arm stands, with its profile.
+
+        `rates_rad_s` are those of a moving arm's joints, `stray_rad` how far they are off now (drawn unless given).
+        """
+        moment = self._moment(f"{stage}/pose", index, rates_rad_s, stray_rad)
         T_base_camera, rng = self.cell.T_base("camera"), generator(self.seed, f"{stage}/picture", index)
         if self.config.sensor.profile_only:
-            image, stripe = None, self.sensor.profile(self.cell.data, T_base_camera, rng, moment)
+            image, stripe = None, self.sensor.profile(self.cell.data, T_base_camera, rng, moment, self.script)
         else:
-            image = self.sensor.capture(self.cell.data, T_base_camera, rng, moment)
+            light = self.sensor.light(self.cell.data, T_base_camera, moment, script=self.script)
+            image = self.sensor.picture(light, rng)
             stripe = find_stripe(image, along=self.config.sensor.stripe_along)
         sight = Sight(
             frame=self.frame,
@@ -176,17 +196,30 @@ class Station:
         self.frame += 1
         return sight
 
-    def _moment(self, stage: str, index: int, rates_rad_s: Float[np.ndarray, "6"] | None) -> Moment:
+    def _moment(
+        self,
+        stage: str,
+        index: int,
+        rates_rad_s: Float[np.ndarray, "6"] | None,
+        stray_rad: Float[np.ndarray, "6"] | None,
+    ) -> Moment:
         """What the sensor's picture needs to know of the cell, which stands as it does in the exposure's middle."""
+
+        def take(joints_rad: Float[np.ndarray, "6"]) -> None:
+            if stray_rad is None:
+                self.cell.take(joints_rad, generator(self.seed, stage, index))
+            else:
+                self.cell.take(joints_rad + stray_rad)
+
         T_begin_end = STANDING
         if rates_rad_s is not None and self.config.sensor.motion_blur:
             step_rad = 0.5e-3 * self.config.sensor.exposure_ms * rates_rad_s
             ends = []
             for sign in (-1, 1):
-                self.cell.take(self.joints_rad + sign * step_rad, generator(self.seed, stage, index))
+                take(self.joints_rad + sign * step_rad)
                 ends.append(self.cell.T_base("camera"))
             T_begin_end = ends[0].inv() * ends[1]
-        self.cell.take(self.joints_rad, generator(self.seed, stage, index))
+        take(self.joints_rad)
         return Moment(time_s=self.time_s, T_base_torch=self.cell.T_base("torch"), T_begin_end=T_begin_end)
 
     def log_sight(self, sight: Sight, T_flange_camera: RigidTransform, joint: JointFeatures | None = None) -> None:
@@ -241,12 +274,11 @@ class Station:
         self, part: str, position_mm: tuple[float, float, float], yaw_deg: float, off_mm: float, off_deg: float
     ) -> None:
         rng = generator(self.seed, f"{part}/place")
-        T_base_part = rigid_from(Rotation.from_euler("Z", yaw_deg, degrees=True), 1e-3 * np.array(position_mm))
         off = rigid_from(
             Rotation.from_euler("Z", rng.normal() * off_deg, degrees=True),
             1e-3 * off_mm * np.append(rng.normal(size=2), 0),
         )
-        self._place(part, T_base_part, off)
+        self._place(part, _told(position_mm, yaw_deg), off)
 
     def _place(self, part: str, T_base_part: RigidTransform, misplacement: RigidTransform) -> None:
         """Puts a part on the table, the others back on the shelf, and the arm out of the way meanwhile."""
@@ -256,6 +288,11 @@ class Station:
             for other, T_base_shelf in SHELF.items():
                 cell.place(other, T if other == part else T_base_shelf)
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
+
+
+def _told(position_mm: tuple[float, float, float], yaw_deg: float) -> RigidTransform:
+    """Where the controller is told that a part stands."""
+    return rigid_from(Rotation.from_euler("Z", yaw_deg, degrees=True), 1e-3 * np.array(position_mm))
 
 
 def believed_sensor(camera: CameraModel, plane: LaserPlane, error: RobotError) -> SensorBelief:

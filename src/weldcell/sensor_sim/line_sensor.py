@@ -146,7 +146,12 @@ class LineSensor:
         return self.picture(self.light(data, T_base_camera, moment), rng)
 
     def profile(
-        self, data: mujoco.MjData, T_base_camera: RigidTransform, rng: np.random.Generator, moment: Moment | None = None
+        self,
+        data: mujoco.MjData,
+        T_base_camera: RigidTransform,
+        rng: np.random.Generator,
+        moment: Moment | None = None,
+        script: Disturbances | None = None,
     ) -> Stripe:
         """The stripe that would be found in the picture, without making one: exact centres, scattered as pictures do.
 
@@ -154,7 +159,7 @@ class LineSensor:
         each cut follows the light: the stripe's ends are right to a cut, as in the picture's blur.
         """
         moment = moment or Moment()
-        frame = self._script.frame(moment.time_s, data, T_base_camera, moment.T_base_torch)
+        frame = (script or self._script).frame(moment.time_s, data, T_base_camera, moment.T_base_torch)
         section = light_section(self.caster, data, frame.T_base_camera, self.camera, self._sparse_fan)
         pieces = frame.dim_laser(self._stripe(data, frame.T_base_camera, section, self._sparse_fan))
         geom_id = _geoms(section, pieces)

@@ -50,11 +50,11 @@ class Parts:
     tip_radius_m: float
 
 
-def build_parts(config: CellConfig) -> Parts:
-    """The parts that a configuration asks for."""
+def build_parts(config: CellConfig, own_part: Workpiece | None = None) -> Parts:
+    """The parts that a configuration asks for; `own_part` stands in the place of the plate."""
     block = config.boss
     return Parts(
-        plate=seam_part(config.seam),
+        plate=own_part or seam_part(config.seam),
         boss=boss(
             slant_edge_m=1e-3 * block.slant_edge_mm,
             slope_rad=float(np.radians(block.slope_deg)),
