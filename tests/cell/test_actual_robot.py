@@ -8,7 +8,7 @@ import pytest
 
 from weldcell.cell.errors import UnknownFrame
 from weldcell.cell.frames import difference, rigid_from, translation
-from weldcell.cell.world.robot_error import BUDGETS, draw_error, exact_robot
+from weldcell.cell.world.robot_error import BUDGETS, draw_error, exact_robot, flange_m_per_joint_rad
 from weldcell.cell.world.scene import HOME_RAD, build_cell
 from weldcell.models.sensor_head import HeadDesign
 
@@ -88,6 +88,27 @@ def test_repeatability_has_the_size_that_iso_9283_gives_it(parts):
     rp_m = distances_m.mean() + 3 * distances_m.std()
     # The lever of the joints varies with posture, and the scatter is not the same in all directions: 30 %.
     assert rp_m == pytest.approx(BUDGETS["typical"].repeatability_m, rel=0.3)
+
+
+def test_the_lever_of_joint_noise_is_what_it_does_to_the_flange(controller):
+    noise_rad = 1e-5 * rng().normal(size=(20_000, 6))
+    moved_m = controller.forward(HOME_RAD + noise_rad).translation - controller.forward(HOME_RAD).translation
+    lever_m = np.sqrt(np.mean(np.sum(moved_m**2, axis=1))) / 1e-5
+    assert flange_m_per_joint_rad(controller, HOME_RAD) == pytest.approx(lever_m, rel=0.01)  # 20 000 draws: 0.5 %
+    assert lever_m == pytest.approx(1.30, rel=0.2)  # what budgets of the cell's own arm are turned into joint noise by
+
+
+def test_another_arms_lever_scales_its_repeatability_and_nothing_else():
+    usual, other = draw_error(BUDGETS["typical"], rng()), draw_error(BUDGETS["typical"], rng(), 2.60)
+    assert other.repeatability_rad == pytest.approx(usual.repeatability_rad / 2)
+    assert np.array_equal(other.link_m, usual.link_m) and np.array_equal(other.friction_ratio, usual.friction_ratio)
+
+
+def test_friction_differs_from_what_is_known_as_the_budget_says():
+    draws = np.array([draw_error(BUDGETS["bad"], np.random.default_rng(k)).friction_ratio for k in range(400)])
+    assert np.std(draws) == pytest.approx(BUDGETS["bad"].friction_ratio, rel=0.06)  # 2400 draws: 1.5 %
+    assert draws.min() >= -0.8
+    assert not exact_robot().friction_ratio.any()
 
 
 def test_tip_and_mount_are_where_the_errors_put_them(parts, known_cell):

@@ -5,11 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.configuration import CellConfig
 from weldcell.cell.frames import difference, translation
 from weldcell.cell.world.controller import nominal_arm
-from weldcell.cell.world.motion import MotionPlanner
+from weldcell.cell.world.drives import Drives
+from weldcell.cell.world.joint_motion import JointPath
+from weldcell.cell.world.motion import MotionPlanner, readings_along
+from weldcell.cell.world.path_clock import PathClock
 from weldcell.cell.world.robot_error import BUDGETS, draw_error
 from weldcell.cell.world.scene import build_cell, build_controller, build_parts
 from weldcell.models.sensor_head import HeadDesign
@@ -84,6 +88,22 @@ def test_it_reaches_the_whole_seam_of_the_own_part(own_known_cell, own_controlle
     assert np.all(
         np.abs(np.diff(motion.joints_rad, axis=0)) <= long_arm.speeds_rad_s * np.diff(motion.times_s)[:, None]
     )
+
+
+def test_its_drives_follow_a_line_at_welding_speed(own_parts, own_known_cell, own_controller, long_arm):
+    cell = build_cell(
+        own_parts, HeadDesign(), draw_error(BUDGETS["typical"], np.random.default_rng(1)), own_arm=long_arm
+    )
+    ways_m, start = np.linspace(0, 0.1, 26), own_controller.forward(long_arm.home_rad)
+    poses = RigidTransform.concatenate([translation([0, way_m, 0]) * start for way_m in ways_m])
+    path = JointPath(ways_m, readings_along(own_controller, poses, long_arm.home_rad))
+    motion = path.motion(PathClock(0.1, 1.0, end_m=0.1).advance(1e-3, 1150))
+    drives = Drives(cell, own_known_cell)
+    drives.start(motion.readings_rad[0])
+    readings = drives.follow(*motion)
+    off_m = own_controller.forward(readings).translation - own_controller.forward(motion.readings_rad).translation
+    assert np.abs(off_m).max() < 1e-4 and not drives.saturated.any()
+    assert drives.torque_shares(*motion).max() < 0.5
 
 
 def test_the_actual_arm_misses_by_what_its_errors_are(own_parts, own_controller, long_arm):

@@ -99,25 +99,28 @@ _EFFECTIVE_DENSITY = {
 
 @dataclass(frozen=True, kw_only=True)
 class _Drive:
-    """Servo and gear of one axis. Chosen for this class of arm, not measured: about 8 Hz, well damped."""
+    """Motor and gear of one axis, at the joint: chosen for this class of arm, not measured."""
 
-    stiffness_nm_rad: float
-    damping_nms_rad: float
     torque_nm: float
+    """What the motor can give for a moment: about four times the largest static load of axes 2 and 3."""
     armature_kgm2: float
-    friction_nms_rad: float
+    """Rotor inertia times the gear's ratio squared: 5e-4 kg m2 behind 1:110 for the large motors."""
+    coulomb_nm: float
+    """Dry friction: some 3 % of the largest torque, as geared joints of robots have it when warm."""
+    viscous_nms_rad: float
+    """Friction that grows with speed: some 4 % of the largest torque at full speed, 9 % for the quick last axis."""
 
 
 _DRIVES = (
-    *(_Drive(stiffness_nm_rad=1e5, damping_nms_rad=4e3, torque_nm=1500, armature_kgm2=6.0, friction_nms_rad=20),) * 2,
-    _Drive(stiffness_nm_rad=6e4, damping_nms_rad=2e3, torque_nm=900, armature_kgm2=4.0, friction_nms_rad=15),
-    *(_Drive(stiffness_nm_rad=4e3, damping_nms_rad=60, torque_nm=120, armature_kgm2=0.3, friction_nms_rad=1),) * 2,
-    _Drive(stiffness_nm_rad=2e3, damping_nms_rad=30, torque_nm=70, armature_kgm2=0.15, friction_nms_rad=0.5),
+    *(_Drive(torque_nm=1500, armature_kgm2=6.0, coulomb_nm=45, viscous_nms_rad=20),) * 2,
+    _Drive(torque_nm=900, armature_kgm2=4.0, coulomb_nm=27, viscous_nms_rad=15),
+    *(_Drive(torque_nm=120, armature_kgm2=0.3, coulomb_nm=3.6, viscous_nms_rad=1),) * 2,
+    _Drive(torque_nm=70, armature_kgm2=0.15, coulomb_nm=2.1, viscous_nms_rad=0.5),
 )
 
 
 def build_arm(geometry: ArmGeometry = KR5_ARC) -> mujoco.MjSpec:
-    """The arm with its base on the floor at the origin, site `flange` on `link_6` and servos `servo_1`..`_6`.
+    """The arm with its base on the floor at the origin, site `flange` on `link_6` and motors `motor_1`..`_6`.
 
     Each joint sits at its body's origin, so that bodies and axes can be moved to make an imperfect robot.
     """
@@ -125,7 +128,6 @@ def build_arm(geometry: ArmGeometry = KR5_ARC) -> mujoco.MjSpec:
     spec.modelname = "arm"
     spec.compiler.degree = False  # limits are in rad
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0's Newton solver errs with sparse Jacobians
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stiff servos
     bodies = _add_chain(spec, geometry)
     pieces = link_pieces(geometry)
     masses_kg = link_masses_kg(pieces)
@@ -133,8 +135,21 @@ def build_arm(geometry: ArmGeometry = KR5_ARC) -> mujoco.MjSpec:
         add_pieces(spec, body, pieces[body.name], group=GROUP_ARM)
         set_inertia(body, pieces[body.name], masses_kg[body.name])
     bodies[-1].add_site(name="flange", pos=[0, 0, geometry.c4_m], size=[0.004, 0.004, 0.004], group=5)
-    _add_servos(spec, geometry)
+    for i, drive in enumerate(_DRIVES):
+        add_motor(spec, i, drive.torque_nm)
     return spec
+
+
+def add_motor(spec: mujoco.MjSpec, joint: int, torque_nm: float) -> None:
+    """Gives a joint (from 0 on) its motor, commanded by a torque; the servos are those of `cell.world.drives`."""
+    motor = spec.add_actuator(
+        name=f"motor_{joint + 1}",
+        target=f"joint_{joint + 1}",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        ctrlrange=[-torque_nm, torque_nm],
+    )
+    motor.set_to_motor()
 
 
 def link_pieces(geometry: ArmGeometry = KR5_ARC) -> dict[str, list[Piece]]:
@@ -181,21 +196,8 @@ def _add_chain(spec: mujoco.MjSpec, geometry: ArmGeometry) -> list[mujoco.MjsBod
             limited=mujoco.mjtLimited.mjLIMITED_TRUE,
             range=[geometry.lower_rad[i], geometry.upper_rad[i]],
             armature=drive.armature_kgm2,
-            damping=drive.friction_nms_rad,
+            damping=drive.viscous_nms_rad,
+            frictionloss=drive.coulomb_nm,
         )
         bodies.append(body)
     return bodies
-
-
-def _add_servos(spec: mujoco.MjSpec, geometry: ArmGeometry) -> None:
-    for i, drive in enumerate(_DRIVES):
-        servo = spec.add_actuator(
-            name=f"servo_{i + 1}",
-            target=f"joint_{i + 1}",
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            ctrlrange=[geometry.lower_rad[i], geometry.upper_rad[i]],
-            forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            forcerange=[-drive.torque_nm, drive.torque_nm],
-        )
-        servo.set_to_position(kp=drive.stiffness_nm_rad, kv=drive.damping_nms_rad)

@@ -1,7 +1,7 @@
 """Any six-axis arm in the shape that the cell expects, taken from a compiled MuJoCo model of it.
 
 What is taken is plain: joint axes, masses and shapes where they stand at reading zero. From these a new arm is built
-with the names of the cell's own (`base`, `link_1`..`link_6`, `joint_1`..`joint_6`, site `flange`, servos), so that
+with the names of the cell's own (`base`, `link_1`..`link_6`, `joint_1`..`joint_6`, site `flange`, motors), so that
 nothing else of a foreign model (defaults, contact rules, constraints, plugins) can reach the cell. Every link's frame
 has the base's orientation and its origin on its joint's axis, at reading zero.
 """
@@ -16,6 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import BadGeometry
 from weldcell.cell.frames import rigid_from
+from weldcell.models.arm import add_motor
 from weldcell.models.mesh_body import GROUP_ARM, NO_MASK, ROBOT_MASK, Finish, add_mesh_geom
 
 JOINTS = 6
@@ -27,10 +28,11 @@ _FARTHEST_M = 50.0
 _LEAST_MASS_KG = 1e-3  # of a link that the model gives none, such as the middle one of a two-axis joint
 _LEAST_INERTIA_KGM2 = 1e-6
 _GRAVITY = 9.81
-_PAYLOAD_KG, _PAYLOAD_OUT_M = 8.0, 0.2  # torch, sensor head and cables, for the servos' strength
-_SERVO_HZ = 8.0  # as the cell's own arm
-_ROTOR_SHARE = 0.1  # of the load's inertia: reflected rotor inertia of geared drives is of its order, or less
-_STRENGTH = 3.0  # torque over the largest static load
+# Torch, sensor head and cables, for the drives' strength: how far out of the flange and beside its axis.
+_PAYLOAD_KG, _PAYLOAD_OUT_M, _PAYLOAD_ASIDE_M = 8.0, 0.2, 0.1
+_ROTOR_RAD_S2 = 300.0  # at which a drive's largest torque turns up its own rotor: 225 to 470 in the cell's own arm
+_STRENGTH = 4.0  # largest torque over the largest static load, as the cell's own arm
+_COULOMB_SHARE, _VISCOUS_SHARE = 0.03, 0.04  # of the largest torque: dry friction, and friction at full speed
 _FLANGE_SIZE_M = 0.004
 
 
@@ -139,27 +141,27 @@ def arm_of_model(
 
 
 def build_own_arm(arm: OwnArm) -> mujoco.MjSpec:
-    """The arm with the names of the cell's own: bodies, joints, site `flange`, servos `servo_1`..`_6`."""
+    """The arm with the names of the cell's own: bodies, joints, site `flange`, motors `motor_1`..`_6`."""
     spec = mujoco.MjSpec()
     spec.modelname = "arm"
     spec.compiler.degree = False  # limits are in rad
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0's Newton solver errs with sparse Jacobians
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stiff servos
     body = spec.worldbody.add_body(name="base")
     _furnish(spec, body, arm.links[0], np.zeros(3), "base")
     origin = np.zeros(3)
     for k, (axis, anchor) in enumerate(zip(arm.axes_base, arm.anchors_base, strict=True)):
         body = body.add_body(name=f"link_{k + 1}", pos=anchor - origin)
         origin = anchor
-        inertia_kgm2 = _inertia_about(arm, k)
+        torque_nm = _torque_nm(arm, k)
         body.add_joint(
             name=f"joint_{k + 1}",
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=axis,
             limited=mujoco.mjtLimited.mjLIMITED_TRUE,
             range=arm.limits_rad[k],
-            armature=_ROTOR_SHARE * inertia_kgm2,
-            damping=0.0,
+            armature=torque_nm / _ROTOR_RAD_S2,
+            damping=_VISCOUS_SHARE * torque_nm / arm.speeds_rad_s[k],
+            frictionloss=_COULOMB_SHARE * torque_nm,
         )
         _furnish(spec, body, arm.links[k + 1], anchor, f"link_{k + 1}")
     zero = arm.T_base_flange_zero
@@ -171,7 +173,7 @@ def build_own_arm(arm: OwnArm) -> mujoco.MjSpec:
         group=5,
     )
     for k in range(JOINTS):
-        _add_servo(spec, arm, k)
+        add_motor(spec, k, _torque_nm(arm, k))
     return spec
 
 
@@ -276,41 +278,17 @@ def _furnish(
     body.explicitinertial = True
 
 
-def _inertia_about(arm: OwnArm, joint: int) -> float:
-    """Inertia about its axis of all that a joint carries, payload included, at reading zero."""
-    axis, anchor = arm.axes_base[joint], arm.anchors_base[joint]
-    total = _PAYLOAD_KG * _squared_distance(_payload_base(arm), anchor, axis)
-    for link in arm.links[joint + 1 :]:
-        total += axis @ link.inertia_base @ axis + link.mass_kg * _squared_distance(link.centre_base, anchor, axis)
-    return float(total) + 0.05  # of the payload itself
+def _torque_nm(arm: OwnArm, joint: int) -> float:
+    """The drive's largest torque: several times what holds all that the joint carries, level and stretched."""
+    payload_base = arm.T_base_flange_zero.apply([0, 0, _PAYLOAD_OUT_M])
+    load_nm = _PAYLOAD_KG * _GRAVITY * (_farthest_m(arm, joint, JOINTS - 1, payload_base) + _PAYLOAD_ASIDE_M)
+    for carried, link in enumerate(arm.links[joint + 1 :], start=joint):
+        load_nm += link.mass_kg * _GRAVITY * _farthest_m(arm, joint, carried, link.centre_base)
+    return _STRENGTH * load_nm
 
 
-def _payload_base(arm: OwnArm) -> Float[np.ndarray, "3"]:
-    return arm.T_base_flange_zero.apply([0, 0, _PAYLOAD_OUT_M])
-
-
-def _squared_distance(
-    point: Float[np.ndarray, "3"], anchor: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"]
-) -> float:
-    return float(np.sum(np.cross(point - anchor, axis) ** 2))
-
-
-def _add_servo(spec: mujoco.MjSpec, arm: OwnArm, joint: int) -> None:
-    """A position servo of about 8 Hz, well damped, that can hold any posture."""
-    inertia_kgm2 = _inertia_about(arm, joint) * (1 + _ROTOR_SHARE)
-    anchor = arm.anchors_base[joint]
-    load_nm = _PAYLOAD_KG * _GRAVITY * float(np.linalg.norm(_payload_base(arm) - anchor))
-    load_nm += sum(
-        link.mass_kg * _GRAVITY * float(np.linalg.norm(link.centre_base - anchor)) for link in arm.links[joint + 1 :]
-    )
-    turn_rate = 2 * np.pi * _SERVO_HZ
-    servo = spec.add_actuator(
-        name=f"servo_{joint + 1}",
-        target=f"joint_{joint + 1}",
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        ctrlrange=arm.limits_rad[joint],
-        forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        forcerange=[-_STRENGTH * load_nm, _STRENGTH * load_nm],
-    )
-    servo.set_to_position(kp=turn_rate**2 * inertia_kgm2, kv=2 * turn_rate * inertia_kgm2)
+def _farthest_m(arm: OwnArm, joint: int, carried: int, point: Float[np.ndarray, "3"]) -> float:
+    """Bound of a point's distance from a joint's axis, whatever the joints between it and the link that carries it."""
+    stops = np.vstack([arm.anchors_base[joint + 1 : carried + 1], point])
+    first_m = np.linalg.norm(np.cross(stops[0] - arm.anchors_base[joint], arm.axes_base[joint]))
+    return float(first_m + np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
