@@ -61,7 +61,8 @@ def test_the_steps_follow_one_from_another():
     assert np.all(steps.seam <= steps.difference)
     rows, columns = np.nonzero(steps.seam)
     assert np.allclose(found.point_px, [columns.mean(), rows.mean()])  # px; the centroid
-    assert np.count_nonzero(steps.pieces) <= np.count_nonzero(steps.bright)
+    beside = np.ones((2 * parameters.thicken_px + 1, 2 * round(found.width_px) + 1), np.uint8)
+    assert np.all(steps.pieces <= cv2.dilate(steps.bright, beside))  # thickened across, mended along, never new
 
 
 def test_a_stripe_along_columns_is_the_same_transposed():
@@ -78,6 +79,16 @@ def test_parameters_grow_with_the_stripe_and_the_gap():
     assert seam_point(_picture("dark", gap=80)).parameters.dilations > thin.parameters.dilations
 
 
+def test_light_thicker_than_any_stripe_is_left_out():
+    # A weld's glow on both edges of a groove, across the stripe: brighter than the stripe, and joined to it.
+    for seed in range(3):
+        picture = _picture("dark", gap=60, seed=seed)
+        for u in (SEAM_U - 32, SEAM_U + 30):
+            picture[60:330, int(u) - 8 : int(u) + 8] = 250
+        found = seam_point(picture)
+        assert found.valid and np.abs(found.point_px - [SEAM_U - 1, _surface_v(SEAM_U)]).max() < 3.0  # px
+
+
 def test_given_parameters_are_used_as_they_are():
     given = MorphologyParameters(
         median_px=5, block_px=61, above_grey=20, least_region_px=100, dilations=20, least_seam_px=30
@@ -92,9 +103,37 @@ def test_without_a_gap_there_is_no_seam_point():
         assert not found.valid and "no gap" in found.reason and np.isnan(found.point_px).all()
 
 
-def test_a_mismatch_wider_than_the_stripe_is_not_bridged():
-    # The method's own limit: a square finds its way between pieces that do not overlap across the stripe.
-    assert not seam_point(_picture("dark", mismatch=12)).valid
+@pytest.mark.parametrize("mismatch", [8, -10])
+def test_a_mismatch_or_a_leaning_stripe_is_bridged_halfway(mismatch):
+    for seed in range(3):
+        found = seam_point(_picture("dark", gap=60, mismatch=mismatch, seed=seed))
+        assert found.valid and found.parameters.thicken_px > abs(mismatch) / 2 - 1
+        assert abs(found.point_px[0] - SEAM_U) < 1.5  # px
+        assert abs(found.point_px[1] - _surface_v(SEAM_U) - mismatch / 2) < 2.5  # px: half a stripe's width
+
+
+def test_a_mismatch_steeper_than_a_leaning_stripe_is_no_seam():
+    # The method's own limit: what is so far off the stripe's level does not belong to it.
+    assert not seam_point(_picture("dark", mismatch=25)).valid
+
+
+@pytest.mark.parametrize(("gap", "depth"), [(60, 40), (130, 90), (30, 60)])
+def test_the_lit_bottom_of_a_deep_groove_does_not_draw_the_bridge_down(gap, depth):
+    for seed in range(3):
+        picture = _picture("lit", gap=gap, depth=depth, seed=seed)
+        bottom = np.round(_surface_v(SEAM_U) + depth).astype(int)
+        picture[bottom - 12 : bottom + 12, int(SEAM_U) : int(SEAM_U) + gap // 4] = 15  # half of it, as walls hide it
+        found = seam_point(picture)
+        assert found.valid and not found.steps.pieces[bottom - 3 : bottom + 3].any()
+        assert np.abs(found.point_px - [SEAM_U, _surface_v(SEAM_U)]).max() < 2.0  # px
+
+
+def test_a_glow_neither_hides_the_stripe_nor_widens_it():
+    picture, column, row = _picture("dark"), np.arange(COLUMNS), np.arange(ROWS)[:, None]
+    glow = 1.5 * 255 * np.exp(-0.5 * (np.hypot(column - 300, row - 20) / 70) ** 2)
+    lit = np.clip(picture + glow, 0, 255).astype(np.uint8)
+    plain, found = seam_point(picture), seam_point(lit)
+    assert abs(found.width_px - plain.width_px) <= 1 and np.abs(found.point_px - plain.point_px).max() < 1.0  # px
 
 
 def test_noise_alone_is_no_stripe():

@@ -1,11 +1,16 @@
 """The seam point by morphology, picture by picture as in Q. Liu et al.'s laser-scanning seam tracker.
 
-The stripe's two pieces are found first: median filter, adaptive threshold, small regions out. Dilating them n times
-joins them, eroding n times brings their shape back, but what the dilation filled stays filled: a hole narrower than
-2 n pixels, or the inside of a dip. Without the pieces themselves only the filled part is left, and crumbs along the
-stripe. The crumbs are small; the centroid of the rest is the seam point. No line is fitted, so plates may be curved.
-Two pieces are joined only where they overlap across the stripe: with a mismatch wider than the stripe, a square that
-avoids both always finds its way between them.
+The stripe's two pieces are found first: median filter, adaptive threshold, out with isolated points, small regions and
+what lies off the stripe's level, such as a deep groove's bottom (`stripe_chain`): "finally, the image only exists two
+laser striped light". Dilating the pieces n times joins them, eroding n times brings their shape back, but what the
+dilation filled stays filled: a hole narrower than 2 n pixels, or the inside of a dip. Without the pieces themselves
+only the filled part is left, and crumbs along the stripe. The crumbs are small or thin; the centroid of the rest is the
+seam point: of a gap midway between its edges, on the straight bridge between them. No line is fitted, so plates may be
+curved; where they are, the bridge lies a little to the side that the stripe bends to, for it fills every row that the
+pieces reach on both sides within n pixels.
+
+Two pieces are joined only where they overlap across the stripe: a square that avoids both would find its way between
+them. So where one begins higher than the other ends, both are thickened by half that step first.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -16,14 +21,19 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from weldcell.cell.errors import BadInput
 from weldcell.tracking.stripe import Along
+from weldcell.tracking.stripe_chain import StripeChain, stripe_chain
 
 _LEAST_CONTRAST = 12.0  # levels of the median picture between stripe and surroundings
 _NOISE_CONTRASTS = 6.0
 _ABOVE_SHARE = 0.2  # of the contrast: a piece half as bright as the others is still seen, the stripe's foot is not
-_STRIPE_LENGTHS = 4.0  # stripe widths: shorter regions are crumbs
+_STRIPE_LENGTHS = 1.5  # stripe widths: shorter regions are isolated points
 _BLOCK_WIDTHS = 10  # so that the stripe hardly lifts its own local mean
 _FEWEST_DILATIONS_WIDTHS = 1.5
+_WIDEST_SHARE = 0.1  # of the picture's shorter side: what lights more of a column is no stripe, but the arc
+_THICKEST_PX = 41  # a stripe is thinner
+_GAP_WIDTHS = 2.0  # narrower gaps are the speckle's
 _SEAM_WIDTHS_SQUARED = 0.75  # smallest bridge, in squared stripe widths
+_OUTLINE_WIDTHS = 0.5  # across the stripe: what is thinner is the stripe's ragged or curved outline
 _RIVAL_SHARE = 0.6  # another bridge this large makes the seam ambiguous
 
 
@@ -38,9 +48,11 @@ class MorphologyParameters:
     above_grey: float
     """How far above that mean light belongs to the stripe: a fifth of the stripe's contrast."""
     least_region_px: int
-    """Regions with fewer pixels are no pieces of the stripe: four widths of its length."""
+    """Regions with fewer pixels are isolated points: 1.5 widths of the stripe's length."""
     dilations: int
     """n, with a 3 x 3 square: half the gap, and a pixel more; at least 1.5 stripe widths, for dips without a gap."""
+    thicken_px: int = 0
+    """How much the pieces grow to either side across the stripe first: half the step over the gap, and a pixel more."""
     least_seam_px: int
     """Regions with fewer pixels are crumbs of the subtraction and not the seam: 0.75 squared stripe widths."""
 
@@ -53,7 +65,7 @@ class MorphologySteps:
     bright: UInt8[np.ndarray, "height width"]
     """After the adaptive threshold."""
     pieces: UInt8[np.ndarray, "height width"]
-    """Without isolated points and small regions: the stripe's pieces."""
+    """Without isolated points and what is off the stripe's level: the stripe's pieces on the surface."""
     dilated: UInt8[np.ndarray, "height width"]
     eroded: UInt8[np.ndarray, "height width"]
     """The dilated picture eroded as often: the pieces with the gap bridged."""
@@ -124,19 +136,25 @@ def _seam_point_along_rows(
     bright = cv2.adaptiveThreshold(
         median, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, now.block_px, -now.above_grey
     )
-    pieces, ends = _large_regions(bright, now.least_region_px)
-    width_px = _stripe_width_px(pieces)
-    now = given or _for_pieces(now, ends, width_px, gap_px)
-    dilated, eroded = _closed(pieces, now.dilations)
+    thin = cv2.morphologyEx(bright, cv2.MORPH_TOPHAT, np.ones((_THICKEST_PX, 1), np.uint8))
+    width_px = _stripe_width_px(thin)
+    mended = cv2.morphologyEx(thin, cv2.MORPH_CLOSE, np.ones((1, 2 * round(width_px / 2) + 1), np.uint8))
+    chain = stripe_chain(mended, width_px, least_region_px=now.least_region_px)
+    now = given or _for_chain(now, chain, width_px, gap_px)
+    pieces = cv2.dilate(chain.pieces, np.ones((2 * now.thicken_px + 1, 1), np.uint8))
+    stripe_is_there = contrast >= max(_LEAST_CONTRAST, _NOISE_CONTRASTS * noise)
+    stripe_is_there &= width_px <= _WIDEST_SHARE * min(grey.shape)
+    dilated, eroded = _closed(pieces, now.dilations) if stripe_is_there and chain.found else (pieces, pieces)
     difference = cv2.subtract(eroded, pieces)
-    labels, areas, centroids = _regions(difference)
+    outline = np.ones((max(round(_OUTLINE_WIDTHS * width_px), 2), 1), np.uint8)
+    labels, areas, centroids = _regions(cv2.morphologyEx(difference, cv2.MORPH_OPEN, outline))
     kept = areas >= now.least_seam_px
     if near_px is not None:
         kept &= np.hypot(*(centroids - near_px).T) <= reach_px
     reason = ""
-    if contrast < max(_LEAST_CONTRAST, _NOISE_CONTRASTS * noise):
+    if not stripe_is_there:
         reason = "no stripe in the picture"
-    elif not len(ends):
+    elif not chain.found:
         reason = "no piece of a stripe in the picture"
     else:
         reason = _complaint(areas, centroids, kept, now, near_px is not None)
@@ -165,28 +183,33 @@ def _seam_point_along_rows(
 
 
 def _threshold_parameters(median: UInt8[np.ndarray, "height width"]) -> tuple[MorphologyParameters, float, float]:
-    """Parameters from the stripe's contrast and width, that contrast, and the noise, in levels."""
-    brightest = median.max(axis=0).astype(float)
-    ground = float(np.median(median[::4, ::4]))
-    noise = 1.4826 * float(np.median(np.abs(median[::4, ::4] - ground)))
-    contrast = float(np.percentile(brightest, 75)) - ground
-    width = _stripe_width_px(cv2.compare(median, ground + contrast / 2, cv2.CMP_GT)) if contrast > 0 else 1.0
-    width = float(np.clip(width, 2.0, min(median.shape) / 4))
+    """Parameters from the stripe's contrast and width, that contrast, and the noise, in levels.
+
+    Both are seen best where what is thicker than any stripe is taken off: a weld's glow has neither.
+    """
+    column = np.ones((_THICKEST_PX, 1), np.uint8)
+    lines = cv2.morphologyEx(median, cv2.MORPH_TOPHAT, column)
+    ground = float(np.median(lines[::4, ::4]))
+    noise = 1.4826 * float(np.median(np.abs(lines[::4, ::4] - ground)))
+    contrast = float(np.percentile(lines.max(axis=0), 75)) - ground
+    width = _stripe_width_px(cv2.compare(lines, ground + contrast / 2, cv2.CMP_GT)) if contrast > 0 else 1.0
+    width = float(np.clip(width, 2.0, _THICKEST_PX))
     parameters = MorphologyParameters(
         median_px=3,
         block_px=2 * round(_BLOCK_WIDTHS * width / 2) + 1,
         above_grey=max(_ABOVE_SHARE * contrast, 2.0),
         least_region_px=round(_STRIPE_LENGTHS * width**2),
-        dilations=1,  # this one and the next wait for the pieces
+        dilations=1,  # what follows waits for the pieces
         least_seam_px=2,
     )
     return parameters, contrast, noise
 
 
 def _stripe_width_px(mask: UInt8[np.ndarray, "height width"]) -> float:
-    """Median number of lit pixels in the columns that have some."""
+    """Median length of the runs of lit pixels down the columns that have some."""
     lit = np.count_nonzero(mask, axis=0)
-    return float(np.median(lit[lit > 0])) if lit.any() else 0.0
+    runs = np.count_nonzero(mask[1:] > mask[:-1], axis=0) + (mask[0] > 0)
+    return float(np.median(lit[lit > 0] / runs[lit > 0])) if lit.any() else 0.0
 
 
 def _regions(
@@ -197,55 +220,40 @@ def _regions(
     return labels, stats[1:, cv2.CC_STAT_AREA], centroids[1:]
 
 
-def _large_regions(
-    mask: UInt8[np.ndarray, "height width"], least_px: int
-) -> tuple[UInt8[np.ndarray, "height width"], Float[np.ndarray, "k 4"]]:
-    """The mask without its small regions, and the first and last point (u, v, u, v) of each that stays."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    large = stats[:, cv2.CC_STAT_AREA] >= least_px
-    large[0] = False
-    ends = np.zeros((int(large.sum()), 4))
-    for row, label in enumerate(np.flatnonzero(large)):
-        first = stats[label, cv2.CC_STAT_LEFT]
-        last = first + stats[label, cv2.CC_STAT_WIDTH] - 1
-        for column, u in ((0, first), (2, last)):
-            ends[row, column : column + 2] = u, np.flatnonzero(labels[:, u] == label).mean()
-    return np.where(large, np.uint8(255), np.uint8(0))[labels], ends
-
-
-def _for_pieces(
-    parameters: MorphologyParameters, ends: Float[np.ndarray, "k 4"], width_px: float, gap_px: float | None
+def _for_chain(
+    parameters: MorphologyParameters, chain: StripeChain, width_px: float, gap_px: float | None
 ) -> MorphologyParameters:
-    """The parameters with as many dilations as join each piece with the next one at its level."""
-    gap_px = _widest_gap_px(ends, width_px) if gap_px is None else gap_px
+    """The parameters with as many dilations as join each piece with the next one."""
+    widest = int(chain.gaps_px.argmax()) if len(chain.gaps_px) else None
+    found_px, step_px = (0.0, 0.0) if widest is None else (chain.gaps_px[widest], abs(chain.steps_px[widest]))
+    gap_px = found_px if gap_px is None else gap_px
     return replace(
         parameters,
         dilations=max(int(np.ceil(_FEWEST_DILATIONS_WIDTHS * width_px)), int(np.ceil(gap_px / 2)) + 1),
+        thicken_px=int(np.ceil(step_px / 2)) + 1 if gap_px > _GAP_WIDTHS * width_px else 0,
         least_seam_px=max(round(_SEAM_WIDTHS_SQUARED * width_px**2), 2),
     )
-
-
-def _widest_gap_px(ends: Float[np.ndarray, "k 4"], width_px: float) -> float:
-    """The widest gap between the end of a piece and the nearest start at its level, 0 without one.
-
-    What the light finds deep inside a gap is not at the level of the pieces beside it.
-    """
-    across = ends[None, :, 0] - ends[:, None, 2]
-    level = np.abs(ends[None, :, 1] - ends[:, None, 3]) <= width_px
-    nearest = np.where(level & (across > 0), across, np.inf).min(axis=1, initial=np.inf)
-    return float(nearest[np.isfinite(nearest)].max(initial=0.0))
 
 
 def _closed(
     pieces: UInt8[np.ndarray, "height width"], times: int
 ) -> tuple[UInt8[np.ndarray, "height width"], UInt8[np.ndarray, "height width"]]:
-    """The pieces dilated n times, and eroded n times after that; the picture goes on in the dark outside its border."""
-    square = np.ones((3, 3), np.uint8)
-    wide = cv2.copyMakeBorder(pieces, times, times, times, times, cv2.BORDER_CONSTANT, value=0)
-    dilated = cv2.dilate(wide, square, iterations=times)
-    eroded = cv2.erode(dilated, square, iterations=times)
-    inner = (slice(times, -times), slice(times, -times))
-    return np.ascontiguousarray(dilated[inner]), np.ascontiguousarray(eroded[inner])
+    """The pieces (there are some) dilated n times, then eroded n times; outside its border the picture is dark.
+
+    n dilations with a 3 x 3 square take in what is within a chessboard distance of n, and that takes the same time for
+    every n.
+    """
+    rows = np.flatnonzero(pieces.any(axis=1))
+    margin = times + 1
+    top, bottom, below = int(rows[0]), int(rows[-1]) + 1, len(pieces)
+    wide = np.pad(pieces[top:bottom], margin)
+    dilated = cv2.compare(cv2.distanceTransform(~wide, cv2.DIST_C, 3), times, cv2.CMP_LE)
+    eroded = cv2.compare(cv2.distanceTransform(dilated, cv2.DIST_C, 3), times, cv2.CMP_GT)
+    whole = [np.zeros((below + 2 * margin, pieces.shape[1]), np.uint8) for _ in range(2)]
+    for picture, band in zip(whole, (dilated, eroded), strict=True):
+        picture[top : bottom + 2 * margin] = band[:, margin:-margin]
+    inner = slice(margin, margin + below)
+    return whole[0][inner], whole[1][inner]
 
 
 def _complaint(

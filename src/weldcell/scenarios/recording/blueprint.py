@@ -5,7 +5,9 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from weldcell.scenarios.recording.contents import Contents, StageContents
+from weldcell.scenarios.recording.meshes import entity_name
 from weldcell.scenarios.recording.sensor import PICTURE, SENSOR
+from weldcell.scenarios.recording.shots import STEPS
 
 RESULTS = "results"
 GUIDE = "guide"
@@ -25,6 +27,8 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
     stages = [stage for stage in contents.stages.values() if stage.shown]
     tabs: list[rrb.Container | rrb.View] = [_overview(contents, stages)]
     tabs += [_stage_tab(contents, stage) for stage in stages]
+    if contents.steps:
+        tabs.append(_steps(contents))
     tabs.append(_report(contents))
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0, name=contents.title),
@@ -55,6 +59,15 @@ def _stage_tab(contents: Contents, stage: StageContents) -> rrb.Container:
     if not side:
         return rrb.Horizontal(scene, name=stage.title)
     return rrb.Horizontal(scene, rrb.Vertical(*side), column_shares=[5, 3], name=stage.title)
+
+
+def _steps(contents: Contents) -> rrb.Container:
+    """A picture's processing, step by step."""
+    views = [
+        rrb.Spatial2DView(origin=f"/{STEPS}/{name}", name=f"{number}. {name}", background=_BACKGROUND)
+        for number, name in enumerate(map(entity_name, contents.steps), start=1)
+    ]
+    return rrb.Grid(*views, name="Image processing")
 
 
 def _report(contents: Contents) -> rrb.Container:

@@ -49,6 +49,8 @@ class Contents:
     """By name, in their order."""
     texts: list[str] = field(default_factory=list)
     """Names of the text pages, in their order."""
+    steps: list[str] = field(default_factory=list)
+    """Names of the steps of a picture's processing, in their order."""
     picture_px: tuple[int, int] | None = None
     """Width and height of the camera pictures; None without a sensor."""
     range_mm: Float[np.ndarray, "4 2"] | None = None

@@ -19,6 +19,9 @@ dots the joint's features.
 **Profile in the light plane**: the same stripe in millimetres, across and along the light. The grey outline is the
 sensor's measuring range.
 
+**Image processing** (`u-seam`): every 25th picture, step by step, from the median filter to the seam's bridge; the pink
+dot is the bridge's centroid, the seam point.
+
 **Errors over time**: distances to the exact truth, which the pipelines never see.
 
 **Stages**: what the cell was doing when.

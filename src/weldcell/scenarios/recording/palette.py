@@ -12,6 +12,7 @@ LASER: Rgba = (255, 40, 30, 70)
 STRIPE: Rgba = (60, 255, 120, 255)
 TRUE: Rgba = (255, 255, 255, 255)
 TOUCH: Rgba = (255, 210, 60, 255)
+POINT: Rgba = (255, 80, 170, 255)
 PROFILE: Rgba = (90, 200, 255, 255)
 FRAME: Rgba = (130, 130, 135, 255)
 SCALE: Rgba = (62, 64, 68, 255)
@@ -26,7 +27,16 @@ _NAMED: tuple[Rgba, ...] = (
     (204, 121, 167, 255),
     (230, 159, 0, 255),
 )
-_KNOWN = {"left": 0, "root": 1, "right": 2, "centre": 1, "before": 4, "after": 3}
+_KNOWN = {
+    "left": 0,
+    "root": 1,
+    "right": 2,
+    "centre": 1,
+    "before": 4,
+    "after": 3,
+    "centre by morphology": 4,
+    "centre by morphology, lateral": 3,
+}
 
 
 def named_colours(names: Sequence[str]) -> list[Rgba]:

@@ -2,8 +2,8 @@
 
 Entities: `cell/BODY` (meshes; what moves has a pose for each moment), `cell/sensor` (camera, picture, light sheet),
 `points/STAGE` (what was measured, in the base), `lines/STAGE`, `checks/STAGE`, `errors/STAGE`, `profile` (the last
-profile, in the light plane), `texts`, `events`, `stage`. Timelines: `frame` (number of the picture or touch) and `t`
-(seconds).
+profile, in the light plane), `steps/NAME` (a picture's processing), `texts`, `events`, `stage`. Timelines: `frame`
+(number of the picture or touch) and `t` (seconds).
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from types import TracebackType
 import mujoco
 import numpy as np
 import rerun as rr
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.configuration import RecordingConfig
@@ -170,6 +170,21 @@ class Recording:
             self.log_event(f"no joint found: {joint.reason}", frame=frame, time_s=shot.time_s, warning=True)
         self._shots += 1
         self._stage.shots += 1
+
+    def log_steps(
+        self,
+        pictures: Mapping[str, UInt8[np.ndarray, "h w"]],
+        point_px: Float[np.ndarray, "2"],
+        *,
+        frame: int,
+        time_s: float,
+    ) -> None:
+        """What became of one picture step by step, by name, and the point that was found; all in a tab of their own."""
+        if self._stream:
+            for name, picture in pictures.items():
+                for entity, what in shots.drawn_step(entity_name(name), picture, self.config.jpeg_quality, point_px):
+                    self._stream.log(frame, time_s, entity, what)
+            self._contents.steps = list(pictures)
 
     def log_touch(self, tip_base: Float[np.ndarray, "3"], *, frame: int, time_s: float) -> None:
         """The torch tip at one touch (m); all touches so far stay in view."""

@@ -13,6 +13,8 @@ from weldcell.scenarios.recording import palette
 from weldcell.scenarios.recording.meshes import entity_name
 from weldcell.scenarios.recording.sensor import PICTURE, DrawnSensor
 
+STEPS = "steps"
+
 Drawn = Iterator[tuple[str, rr.AsComponents]]
 
 _EVERY_STRIPE_POINT = 12  # of the stripe's centres: dots that leave the stripe itself in sight
@@ -39,6 +41,16 @@ def drawn_picture(
     names, points_camera = _found(joint)
     pixels = sensor.camera.project(points_camera) + _CORNER_TO_CENTRE_PX
     yield f"{PICTURE}/features", _features_2d(pixels, names)
+
+
+def drawn_step(name: str, picture: UInt8[np.ndarray, "h w"], quality: int, point_px: Float[np.ndarray, "2"]) -> Drawn:
+    """One step of a picture's processing, masks without loss, with the point that came of it (NaN: none)."""
+    is_mask = set(np.unique(picture)) <= {0, 255}
+    kind, options = ("png", []) if is_mask else ("jpeg", [cv2.IMWRITE_JPEG_QUALITY, quality])
+    encoded = cv2.imencode(f".{kind}", picture, options)[1]
+    yield f"{STEPS}/{name}", rr.EncodedImage(contents=encoded.tobytes(), media_type=f"image/{kind}")
+    points = point_px[None][np.isfinite(point_px).all(keepdims=True)] + _CORNER_TO_CENTRE_PX
+    yield f"{STEPS}/{name}/point", rr.Points2D(points, colors=palette.POINT, radii=rr.Radius.ui_points(3.0))
 
 
 def drawn_profile(profile: Profile | None, joint: JointFeatures | None, sensor: DrawnSensor) -> Drawn:
