@@ -56,6 +56,8 @@ def _stage_tab(contents: Contents, stage: StageContents) -> rrb.Container:
     side: list[rrb.View] = _sensor_views(contents) if stage.shots else []
     if stage.series:
         side.append(_errors(f"errors/{stage.name}"))
+    if stage.events:
+        side.append(_events())
     if not side:
         return rrb.Horizontal(scene, name=stage.title)
     return rrb.Horizontal(scene, rrb.Vertical(*side), column_shares=[5, 3], name=stage.title)
@@ -71,9 +73,12 @@ def _steps(contents: Contents) -> rrb.Container:
 
 
 def _report(contents: Contents) -> rrb.Container:
+    return rrb.Horizontal(*[_page(name) for name in contents.texts], _events(), name="Report")
+
+
+def _events() -> rrb.View:
     columns = rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["LogLevel", "Body"])
-    events = rrb.TextLogView(origin="/events", name="Events", columns=columns)
-    return rrb.Horizontal(*[_page(name) for name in contents.texts], events, name="Report")
+    return rrb.TextLogView(origin="/events", name="Events", columns=columns)
 
 
 def _page(name: str) -> rrb.View:

@@ -21,6 +21,8 @@ class StageContents:
     shots: int = 0
     series: int = 0
     """Number of error series."""
+    events: int = 0
+    """Number of events in it."""
 
     def enclose(self, points_base: Float[np.ndarray, "n 3"]) -> None:
         """Takes points into the bounds (NaN is ignored)."""

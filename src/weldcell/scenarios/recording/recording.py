@@ -91,9 +91,9 @@ class Recording:
     def begin_stage(self, name: str, title: str, *, frame: int, time_s: float) -> None:
         """From now on everything belongs to this stage, which gets its own tab, called `title`."""
         if self._stream:
-            self._stage = self._contents.stages.setdefault(name, StageContents(name=entity_name(name), title=title))
             self._stream.log(frame, time_s, "stage", rr.StateChange(state=title))
             self.log_event(f"Stage: {title}", frame=frame, time_s=time_s)
+            self._stage = self._contents.stages.setdefault(name, StageContents(name=entity_name(name), title=title))
 
     def log_cell(self, model: mujoco.MjModel) -> None:
         """The meshes of all visible geoms, and the model's bodies for `log_pose`."""
@@ -272,6 +272,7 @@ class Recording:
         if self._stream:
             level = rr.TextLogLevel.WARN if warning else rr.TextLogLevel.INFO
             self._stream.log(frame, time_s, "events", rr.TextLog(text, level=level))
+            self._stage.events += 1
 
     def _accumulate(
         self, frame: int, time_s: float, name: str, points_base: Float[np.ndarray, "n 3"], what: rr.AsComponents
