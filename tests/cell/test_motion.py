@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.frames import translation
-from weldcell.cell.world.motion import MotionPlanner
+from weldcell.cell.world.motion import MotionPlanner, readings_along
 from weldcell.cell.world.scene import HOME_RAD, SHELF
 
 
@@ -63,3 +64,39 @@ def test_readings_beyond_the_limits_are_not_free(planner):
     beyond = HOME_RAD.copy()
     beyond[4] = planner.controller.limits_rad[4, 1] + 1e-6
     assert not planner.free(beyond)
+
+
+def test_a_stretched_wrist_does_not_work(planner):
+    stretched = HOME_RAD.copy()
+    stretched[4] = np.radians(19)
+    bent = HOME_RAD.copy()
+    bent[4] = np.radians(21)
+    assert planner.working(HOME_RAD) and planner.working(bent) and planner.free(stretched)
+    assert not planner.working(stretched)
+
+
+def line(controller, way_m, count=21):
+    """Flange poses on a straight line from home."""
+    start = controller.forward(HOME_RAD)
+    poses = [translation(share * np.asarray(way_m)) * start for share in np.linspace(0, 1, count)]
+    return RigidTransform.concatenate(poses)
+
+
+def test_readings_along_a_line_take_the_flange_along_it(controller):
+    poses = line(controller, [0.0, 0.2, -0.1])
+    readings = readings_along(controller, poses, HOME_RAD)
+    assert np.array_equal(readings[0], HOME_RAD)
+    off = poses.inv() * controller.forward(readings)
+    assert np.abs(off.translation).max() < 1e-9 and off.rotation.magnitude().max() < 1e-9  # m, rad: rounding
+    assert np.abs(np.diff(readings, axis=0)).max() < 0.1  # rad in some 11 mm: one configuration
+
+
+def test_a_line_out_of_reach_has_no_readings(controller):
+    assert readings_along(controller, line(controller, [2.0, 0.0, 0.0]), HOME_RAD) is None
+
+
+def test_a_line_that_turns_the_wrist_over_has_no_readings(controller):
+    """The flange turned by half a turn between two poses takes some joint further than a path may."""
+    start = controller.forward(HOME_RAD)
+    turned = start * RigidTransform.from_rotation(Rotation.from_euler("x", 170, degrees=True))
+    assert readings_along(controller, RigidTransform.concatenate([start, turned]), HOME_RAD) is None

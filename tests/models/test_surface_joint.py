@@ -145,6 +145,24 @@ def test_tacks_fill_the_groove():
     np.testing.assert_array_equal(tacked.seam_part.points["left"], plain.seam_part.points["left"])
 
 
+@pytest.mark.parametrize("kind", ["bevel", "j"])
+def test_square_faces_stand_on_surfaces_that_lean(kind):
+    """Where the surface falls to the right, the square face leans out over its foot, and the block is still sound."""
+    size = JointSize(thickness_m=0.02, groove_angle_rad=np.deg2rad(45), root_face_m=0.002, root_radius_m=0.008)
+    surface = CurvedSurface(height_m=0.055, wave_m=0.018, wavelength_m=0.33, across_radius_m=0.25, twist=0.3)
+    plan = SPath(length_m=0.3, amplitude_m=0.02)
+    part = surface_joint_part(joint_section(kind, size), plan, surface, 0.16)
+    mesh, seam = part.mesh_part(), part.seam_part
+    assert mesh.is_watertight and len(mesh.split()) == 1
+    face = (seam.points["right"] - seam.points["root"]) @ [0, 1, 0]
+    assert face.min() < -1e-3 and face.max() > 1e-3  # m: it leans to either side somewhere
+    normal = seam.approach[len(seam.approach) // 2]
+    middle = {name: points[len(points) // 2] for name, points in seam.points.items()}
+    point = (middle["root"] + middle["right"]) / 2
+    inside = mesh.contains([point - 2e-4 * np.cross(normal, [1, 0, 0]), point + 2e-4 * np.cross(normal, [1, 0, 0])])
+    assert inside.tolist() == [False, True] or inside.tolist() == [True, False]  # the face lies between
+
+
 def test_v_grooves_are_milled_into_surfaces_too():
     size = JointSize(thickness_m=0.02, root_face_m=0.012, groove_angle_rad=np.deg2rad(60))
     surface = CurvedSurface(height_m=0.05, wave_m=0.0, wavelength_m=1.0, across_radius_m=-0.4)
@@ -161,6 +179,13 @@ def test_v_grooves_are_milled_into_surfaces_too():
         ({"amplitude_m": 0.1}, "radius of curvature"),
         ({"groove_depth_m": 0.04}, "underside"),
         ({"width_m": 0.8}, "radius of curvature"),
+        (
+            {
+                "groove_depth_m": 0.03,
+                "surface": CurvedSurface(height_m=0.08, wave_m=0.01, wavelength_m=0.1, across_radius_m=1),
+            },
+            "cross one another",  # crests of 25 mm radius: sections meet 25 mm below
+        ),
         ({"surface": CurvedSurface(height_m=0.01, wave_m=0.03, wavelength_m=0.3, across_radius_m=1)}, "underside"),
     ],
 )

@@ -22,6 +22,7 @@ CONTRACT = {
     "frames_count",
     "frames_valid_count",
     *(f"seam_{name}_{what}_error_mm" for name in ("left", "root", "right") for what in ("mean", "max")),
+    *(f"seam_{name}_sensor_{what}_error_mm" for name in ("left", "root", "right") for what in ("mean", "max")),
     "boss_edge_mean_error_mm",
     "boss_angle_mean_error_deg",
 }

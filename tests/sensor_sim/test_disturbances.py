@@ -12,6 +12,7 @@ from weldcell.sensor_sim.light_section import light_section
 from weldcell.sensor_sim.rays import RayCaster
 from weldcell.sensor_sim.reflectance import irradiance, light_reference
 from weldcell.sensor_sim.stripe import stripe_optics, stripe_pieces
+from weldcell.sensor_sim.weld.weld_light import WeldLight
 
 PLATE = '<geom type="box" size=".2 .2 .01" pos="0 0 -.01" rgba=".5 .5 .5 1"/>'
 T_BASE_TORCH = rigid_from(Rotation.from_matrix(np.diag([1.0, -1.0, -1.0])), np.array([-0.06, 0.0, 0.0]))
@@ -27,12 +28,13 @@ def workshop(scene, config, camera, fan, overhead):
     """Makes disturbances over a plate, and frames of them."""
     model, data = scene(PLATE)
     optics = stripe_optics(config, camera, fan)
+    weld = WeldLight(config, camera, fan, optics, model, RayCaster(model))
 
     class Workshop:
         ambient = np.full((1080, 1440), 9.0, np.float32)
 
         def disturbances(self, *script, seed=1) -> Disturbances:
-            return Disturbances(script, seed, config, camera, fan, optics, model)
+            return Disturbances(script, seed, 1e-3 * config.exposure_ms, lambda: weld)
 
         def frame(self, disturbances, time_s):
             return disturbances.frame(time_s, data, overhead(), T_BASE_TORCH)

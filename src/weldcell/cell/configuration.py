@@ -205,7 +205,9 @@ class SeamConfig:
     root_gap_mm: Unsigned = 0.0
     """Gap at the root; of a lap and a fillet between the plates."""
     root_gap_end_mm: Annotated[float, Ge(-1), Le(1e6)] = -1.0
-    """Gap at the seam's end if it changes evenly along the seam; -1 is the same all along."""
+    """Gap at the seam's end if it changes along the seam (0: it closes); -1 is the same all along."""
+    root_gap_share: Annotated[float, Gt(0), Le(1)] = 1.0
+    """Share of the seam over which the gap changes evenly; from there on it stays."""
     root_face_mm: Unsigned = 4.0
     """Height of the land below the root."""
     root_radius_mm: Unsigned = 0.0
@@ -254,6 +256,8 @@ class SeamConfig:
     """Pictures along the seam."""
     speed_mm_s: Positive = 20.0
     """Scan speed."""
+    scan_height_mm: Annotated[float, Ge(0), Le(100)] = 20.0
+    """Wire's tip above the joint's highest feature during the scan; 20 mm more where the torch would touch the part."""
 
 
 SEAM_PRESETS: dict[JointName, SeamConfig] = {
@@ -286,8 +290,6 @@ class WeldConfig:
     """Rate at which the drives' physics steps."""
     command_hz: Annotated[float, Ge(20), Le(1000)] = 125.0
     """Rate at which the controller takes new places for the torch."""
-    stick_out_mm: Annotated[float, Ge(5), Le(50)] = 15.0
-    """Free wire between contact tip and work where the torch is at its right height."""
     height_mm: Annotated[float, Ge(-20), Le(100)] = 0.0
     """Wire's tip above the seam's root (or edge), along the wire."""
     work_angle_deg: Angle = 0.0

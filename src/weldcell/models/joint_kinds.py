@@ -40,9 +40,20 @@ SECTION_CHORD_M = 2e-6
 _LARGEST_SIZE_M = 10.0
 
 
-def joint_section(kind: JointKind, size: JointSize) -> JointSection:
-    """The section of a joint of this kind and size; refuses sizes that no such joint has."""
+def joint_section(kind: JointKind, size: JointSize, may_close: bool = False) -> JointSection:
+    """The section of a joint of this kind and size; refuses sizes that no such joint has.
+
+    A joint that lives by its gap may be closed (`may_close`) only where another section goes over into this one.
+    """
     _check(kind, size)
+    if (
+        kind in ("butt", "v-gap")
+        and size.root_gap_m == 0
+        and not may_close
+        and (kind == "v-gap" or not size.mismatch_m)
+    ):
+        more = " (or a mismatch_m): nothing shows a closed joint" if kind == "butt" else ""
+        raise BadGeometry(f"{kind}: root_gap_m is 0, expected a gap{more}")
     return _SECTIONS[kind](kind, size)
 
 
@@ -64,16 +75,12 @@ def _check(kind: JointKind, size: JointSize) -> None:
 
 
 def _butt(kind: JointKind, size: JointSize) -> JointSection:
-    if size.root_gap_m == 0 and size.mismatch_m == 0:
-        raise BadGeometry("butt: root_gap_m is 0, expected a gap (or a mismatch_m): nothing shows a closed joint")
     edge = _square_edge(size)
     return _groove(kind, size, edge, edge, None)
 
 
 def _v(kind: JointKind, size: JointSize) -> JointSection:
     _check_groove(kind, size)
-    if kind == "v-gap" and size.root_gap_m == 0:
-        raise BadGeometry("v-gap: root_gap_m is 0, expected a gap")
     edge = _leaning_edge(size, size.groove_angle_rad / 2)
     return _groove(kind, size, edge, edge, "root")
 

@@ -152,7 +152,7 @@ def _block(groove: _Groove, path: SurfacePath, width_m: float) -> Manifold:
         _SPACING_M,
     )
     rings = _rings(groove, path, x, reach)
-    _check_rings(groove, rings[:, 2:], width_m)
+    _check_rings(groove, path.frames(x).tangents, rings[:, 2:], width_m)
     box = Manifold.cube((path.length_m, width_m, 1.0)).translate((-half_length, -width_m / 2, 0))
     return loft(rings) ^ box
 
@@ -181,11 +181,14 @@ def _check_bend(groove: _Groove, plan: PlanePath, reach_m: float) -> None:
         )
 
 
-def _check_rings(groove: _Groove, upper: Float[np.ndarray, "n k 3"], width_m: float) -> None:
-    """The upper side must be one sheet over the plane, everywhere above the underside and beyond the block's sides."""
-    ahead, aside = np.diff(upper, axis=0)[:, :-1], np.diff(upper, axis=1)[:-1]
-    area = ahead[..., 1] * aside[..., 0] - ahead[..., 0] * aside[..., 1]
-    if not np.all(area > -1e-12):
+def _check_rings(
+    groove: _Groove, tangents: Float[np.ndarray, "n 3"], upper: Float[np.ndarray, "n k 3"], width_m: float
+) -> None:
+    """Every point of the upper side must go forward with the path, stay above the underside and reach the sides.
+
+    Each ring lies in the plane across its tangent, so no two of them cross where all points go forward.
+    """
+    if not np.all(np.einsum("nki,ni->nk", np.diff(upper, axis=0), tangents[:-1]) > 0):
         raise BadGeometry(f"{groove.section.kind}: its sections cross one another; expected a gentler path or surface")
     inside = np.abs(upper[..., 0]) < 1.0
     if upper[..., 2][inside].min() <= 0:

@@ -12,7 +12,7 @@ What happens depends on the seed, the entry's place in the script and the time, 
 exposure lies evenly about its picture's time.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -20,12 +20,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from weldcell.cell.configuration import Disturbance, DisturbanceKind, SensorConfig
+from weldcell.cell.configuration import Disturbance, DisturbanceKind
 from weldcell.cell.frames import rigid_from
-from weldcell.cell.optics import CameraModel
 from weldcell.cell.randomness import generator
-from weldcell.sensor_sim.laser import LaserFan
-from weldcell.sensor_sim.stripe import StripeOptics, StripePieces
+from weldcell.sensor_sim.stripe import StripePieces
+from weldcell.sensor_sim.weld.arc import ArcFlicker
+from weldcell.sensor_sim.weld.fume import FumeCloud
 from weldcell.sensor_sim.weld.spatter import DROPLETS_PER_S, LIFE_S, Droplets, born, joined
 from weldcell.sensor_sim.weld.weld_light import WeldLight, WeldPicture, WeldState
 
@@ -66,17 +66,13 @@ class Disturbances:
         self,
         script: tuple[Disturbance, ...],
         seed: int,
-        config: SensorConfig,
-        camera: CameraModel,
-        fan: LaserFan,
-        optics: StripeOptics,
-        model: mujoco.MjModel,
+        exposure_s: float,
+        weld: Callable[[], WeldLight],
     ) -> None:
-        """`camera`, `fan` and `optics` are the actual ones of this sensor."""
-        self._script, self._seed, self._exposure_s = script, seed, 1e-3 * config.exposure_ms
-        self._weld: WeldLight | None = None
-        if any(entry.kind in _WELD for entry in script):
-            self._weld = WeldLight(config, camera, fan, optics, model, seed)
+        """`exposure_s` is what the exposure should be; `weld` gives the sensor's, and is asked only for a weld."""
+        self._script, self._seed, self._exposure_s = script, seed, exposure_s
+        self._weld = weld() if any(entry.kind in _WELD for entry in script) else None
+        self._flicker, self._cloud = ArcFlicker(seed), FumeCloud(seed)
 
     def frame(
         self, time_s: float, data: mujoco.MjData, T_base_camera: RigidTransform, T_base_torch: RigidTransform | None
@@ -107,12 +103,14 @@ class Disturbances:
     def _state(self, time_s: float, exposure_ratio: float, laser_ratio: float) -> WeldState:
         """How strongly the weld goes on."""
         half_s = exposure_ratio * self._exposure_s / 2
+        window_s, arc = (time_s - half_s, time_s + half_s), self._strength(time_s, "arc")
         return WeldState(
-            arc=self._strength(time_s, "arc"),
+            arc=arc * self._flicker.mean(*window_s) if arc > 0 else 0.0,
             fume=self._strength(time_s, "fume"),
+            cloud=self._cloud,
             droplets=joined([self._droplets(*spatter, time_s + half_s) for spatter in self._active(time_s, "spatter")]),
             laser=laser_ratio,
-            window_s=(time_s - half_s, time_s + half_s),
+            window_s=window_s,
         )
 
     def _droplets(self, index: int, entry: Disturbance, until_s: float) -> Droplets:

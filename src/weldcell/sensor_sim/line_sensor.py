@@ -6,6 +6,7 @@ the picture: the stripe's exact centres with the scatter that the same physics g
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import TracebackType
 
 import mujoco
@@ -31,6 +32,7 @@ from weldcell.sensor_sim.rays import RayCaster
 from weldcell.sensor_sim.reflectance import brightness, light_reference
 from weldcell.sensor_sim.speckle import nominal_speckle, speckle_contrast, with_speckle
 from weldcell.sensor_sim.stripe import StripePieces, joined_pieces, stripe_optics, stripe_pieces
+from weldcell.sensor_sim.weld.weld_light import WeldLight
 
 _BLUR_STEPS = 5  # poses that stand for a motion during the exposure, which is a pixel or so long
 STANDING = RigidTransform.identity()
@@ -133,8 +135,12 @@ class LineSensor:
 
     def scripted(self, script: tuple[Disturbance, ...], seed: int, exposure_ms: float | None = None) -> Disturbances:
         """Disturbances of this sensor in its scene, for `light`; what moves is blurred over the exposure."""
-        config = replace(self._config, exposure_ms=exposure_ms or self._config.exposure_ms)
-        return Disturbances(script, seed, config, self.camera, self.fan, self._optics, self._model)
+        return Disturbances(script, seed, 1e-3 * (exposure_ms or self._config.exposure_ms), lambda: self._weld)
+
+    @cached_property
+    def _weld(self) -> WeldLight:
+        """What a weld does to the pictures; made when there is one."""
+        return WeldLight(self._config, self.camera, self.fan, self._optics, self._model, self.caster)
 
     def capture(
         self, data: mujoco.MjData, T_base_camera: RigidTransform, rng: np.random.Generator, moment: Moment | None = None

@@ -36,7 +36,7 @@ def looked(model, data, view, T_base_camera, arc):
     """What the camera sees, and how far the ways from the arc to it are free."""
     caster = RayCaster(model)
     seen = view.look(caster, data, T_base_camera)
-    return seen, free_ways_m(arc, unit(seen.points_base - arc.position_base), caster, data)
+    return seen, free_ways_m(arc, unit(seen.points_base - arc.position_base), caster, data, np.ones(model.ngeom, bool))
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,8 @@ def test_the_arc_is_hidden_by_what_stands_before_it(scene, overhead):
     centre = overhead().translation
     for x, seen in ((-0.01, False), (0.05, True)):
         arc = arc_at([x, 0.0, 0.003])
-        free_m = free_ways_m(arc, unit((centre - arc.position_base)[None]), RayCaster(model), data)
+        way, everything = unit((centre - arc.position_base)[None]), np.ones(model.ngeom, bool)
+        free_m = free_ways_m(arc, way, RayCaster(model), data, everything)
         assert arc_seen(arc, centre, free_m[0]) == seen
 
 

@@ -29,7 +29,8 @@ def groove(camera, overhead):
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     caster, T_base_camera = RayCaster(model), overhead((0.0, 0.0, 0.02))
-    surfaces = LitSurfaces(camera, model, caster, caster)
+    opaque = np.ones(model.ngeom, bool)
+    surfaces = LitSurfaces(camera, model, caster, opaque)
 
     def by_rays(pixels):
         rays = camera.unproject(pixels)
@@ -37,7 +38,7 @@ def groove(camera, overhead):
         seen = seen_along(rays, caster, data, T_base_camera)
         to_points = seen.points_base - ARC.position_base
         facing = np.einsum("ni,ni->n", seen.normals_base, to_points) < 0
-        free_m = np.where(facing, free_ways_m(ARC, unit(to_points), caster, data), 0.0)
+        free_m = np.where(facing, free_ways_m(ARC, unit(to_points), caster, data, opaque), 0.0)
         texture = SceneTextures(model).factor(data, seen.points_base, seen.normals_base, seen.geom_id)
         return lit_radiance(ARC, seen, geom_materials(model), free_m) * texture
 
@@ -77,4 +78,4 @@ def test_where_there_is_nothing_there_is_no_light(camera, overhead):
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     caster = RayCaster(model)
-    assert (LitSurfaces(camera, model, caster, caster).radiance(ARC, data, overhead()) == 0).all()
+    assert (LitSurfaces(camera, model, caster, np.ones(1, bool)).radiance(ARC, data, overhead()) == 0).all()

@@ -9,10 +9,12 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import UnknownFrame
 from weldcell.cell.frames import rigid_from
+from weldcell.cell.world.collisions import Collisions
 from weldcell.cell.world.robot_error import JOINTS, RobotError
 
 CLEARANCE_M = 0.008  # poses and paths keep at least this far from parts: more than a robot's and a part's misplacement
 _SITE_OWNERS = {"flange": "arm", "camera": "sensor", "torch": "torch"}
+_WORKPIECES = ("plate", "boss")  # parts whose grooves and corners the torch may enter
 _DEFLECTION_PASSES = 2  # the load barely changes by deflecting: the second pass moves the tip by less than 1e-7 m
 
 
@@ -27,6 +29,7 @@ class Cell:
         self._dofs = np.array([model.joint(f"arm/joint_{k + 1}").dofadr[0] for k in range(JOINTS)])
         self._sites = {name: model.site(f"{owner}/{name}").id for name, owner in _SITE_OWNERS.items()}
         self._parts = {part: int(model.body(body).mocapid[0]) for part, body in bodies.items()}
+        self._collisions = Collisions(model, [body for part, body in bodies.items() if part in _WORKPIECES])
         self.take(np.zeros(JOINTS))
 
     @property
@@ -91,11 +94,14 @@ class Cell:
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
 
-    def collides(self, joints_rad: Float[np.ndarray, "6"]) -> bool:
-        """Whether the arm, torch or head comes within the clearance of anything else at these readings."""
+    def collides(self, joints_rad: Float[np.ndarray, "6"], work_clearance_m: float | None = None) -> bool:
+        """Whether arm, torch or head come within the clearance of anything else, or the tools of the arm.
+
+        At work the torch must come closer to the workpiece than in travel: `work_clearance_m` is for that, between
+        real surfaces. Wire and tip never count. Raises BadGeometry if it is larger than the usual clearance.
+        """
         self.take(joints_rad)
-        mujoco.mj_collision(self.model, self.data)
-        return self.data.ncon > 0
+        return self._collisions.any(self.data, work_clearance_m)
 
     def _gravity_torque_nm(self, angles_rad: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
         """The torque that holds each joint against gravity, by MuJoCo's recursive Newton-Euler at rest."""

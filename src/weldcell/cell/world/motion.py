@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.frames import translation
@@ -17,6 +18,7 @@ _SPEED_SHARE = 0.4  # of the joints' largest speeds: an arm in a cell with peopl
 _PEAK_OVER_MEAN = 1.5  # of the cubic time law 3s^2 - 2s^3
 _SAME_CONFIGURATION_RAD = np.radians(110)
 _STRETCHED_WRIST_RAD = np.radians(20)
+_LARGEST_STEP_RAD = 0.6  # between two poses of a path; more means that the arm changed its configuration
 _RETREATS_M = (0.06, 0.12, 0.25)
 
 
@@ -28,6 +30,24 @@ class Motion:
     """Increasing, starting at 0."""
     joints_rad: Float[np.ndarray, "n 6"]
     """Readings at these times."""
+
+
+def readings_along(
+    controller: Controller, T_base_flange: RigidTransform, start_rad: Float[np.ndarray, "6"]
+) -> Float[np.ndarray, "n 6"] | None:
+    """Readings along a stack of poses in one configuration of the arm, or None if it has to leave it or can't reach.
+
+    `start_rad` takes the flange to the first pose.
+    """
+    joints_rad = [np.asarray(start_rad, float)]
+    for index in range(1, len(T_base_flange)):
+        try:
+            joints_rad.append(controller.inverse(T_base_flange[index], joints_rad[-1]))
+        except OutOfReach:
+            return None
+        if np.abs(joints_rad[-1] - joints_rad[-2]).max() > _LARGEST_STEP_RAD:
+            return None
+    return np.array(joints_rad)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,11 +62,11 @@ class MotionPlanner:
     rate_hz: float = 10.0
     """Samples a second in the motions returned."""
 
-    def free(self, joints_rad: Float[np.ndarray, "6"]) -> bool:
-        """Whether a posture is within limits and clear of the parts."""
+    def free(self, joints_rad: Float[np.ndarray, "6"], work_clearance_m: float | None = None) -> bool:
+        """Whether a posture is within limits and clear of the parts; at work, by less (see `Cell.collides`)."""
         low, high = self.controller.limits_rad.T
         within = bool(np.all(joints_rad >= low) and np.all(joints_rad <= high))
-        return within and not self.known_cell.collides(joints_rad)
+        return within and not self.known_cell.collides(joints_rad, work_clearance_m)
 
     def working(self, joints_rad: Float[np.ndarray, "6"]) -> bool:
         """Whether a posture is free, in the configuration of home (no joint far from it), and its wrist not stretched.
@@ -55,7 +75,8 @@ class MotionPlanner:
         tool: no one calibrates across them.
         """
         turned = np.abs(joints_rad - self.home_rad).max() > _SAME_CONFIGURATION_RAD
-        return not turned and abs(joints_rad[4]) > _STRETCHED_WRIST_RAD and self.free(joints_rad)
+        stretched = self.controller.wrist_sine(joints_rad) <= np.sin(_STRETCHED_WRIST_RAD)
+        return not turned and not stretched and self.free(joints_rad)
 
     def move(self, start_rad: Float[np.ndarray, "6"], goal_rad: Float[np.ndarray, "6"]) -> Motion:
         """A motion from one posture to another; raises OutOfReach if no way clear of the parts is found."""

@@ -46,10 +46,12 @@ def _part(seam: SeamConfig) -> Workpiece:
             section, plan, _surface(seam), 1e-3 * seam.width_mm, _tacks(seam, section, plan), name
         )
     path, section = _plane_path(seam), _section(seam, seam.root_gap_mm)
-    return joint_part(section, path, 1e-3 * seam.width_mm, _tacks(seam, section, path), name=name, spacing_m=_SPACING_M)
+    end = None if seam.root_gap_end_mm < 0 else _section(seam, seam.root_gap_end_mm, may_close=True)
+    tacks = _tacks(seam, section, path)
+    return joint_part(section, path, 1e-3 * seam.width_mm, tacks, name, _SPACING_M, end, seam.root_gap_share)
 
 
-def _section(seam: SeamConfig, root_gap_mm: float) -> JointSection:
+def _section(seam: SeamConfig, root_gap_mm: float, may_close: bool = False) -> JointSection:
     size = JointSize(
         thickness_m=1e-3 * seam.thickness_mm,
         groove_angle_rad=float(np.radians(seam.groove_angle_deg)),
@@ -61,7 +63,7 @@ def _section(seam: SeamConfig, root_gap_mm: float) -> JointSection:
         rise_m=1e-3 * seam.rise_mm,
         corner_angle_rad=float(np.radians(seam.corner_angle_deg)),
     )
-    return joint_section(seam.joint, size)
+    return joint_section(seam.joint, size, may_close)
 
 
 def _plane_path(seam: SeamConfig) -> PlanePath:

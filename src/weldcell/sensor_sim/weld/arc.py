@@ -142,20 +142,30 @@ def arc_light(T_base_torch: RigidTransform, strength: float) -> ArcLight:
 
 
 def free_ways_m(
-    arc: ArcLight, directions_base: Float[np.ndarray, "n 3"], caster: RayCaster, data: mujoco.MjData
+    arc: ArcLight,
+    directions_base: Float[np.ndarray, "n 3"],
+    caster: RayCaster,
+    data: mujoco.MjData,
+    among: Bool[np.ndarray, "geoms"],
 ) -> Float[np.ndarray, "n"]:
-    """How far it is from the arc along unit directions to the first surface; inf if there is none."""
-    hits = caster.cast(data, arc.position_base, directions_base)
+    """How far it is from the arc along unit directions to the first surface of these geoms; inf if there is none."""
+    among = among & caster.reachable(data, arc.position_base, directions_base)
+    hits = caster.cast(data, arc.position_base, directions_base, among)
     return np.where(hits.hit, hits.distance_m, np.inf)
 
 
 def shaded(
-    arc: ArcLight, points_base: Float[np.ndarray, "n 3"], caster: RayCaster, data: mujoco.MjData
+    arc: ArcLight,
+    points_base: Float[np.ndarray, "n 3"],
+    caster: RayCaster,
+    data: mujoco.MjData,
+    among: Bool[np.ndarray, "geoms"],
 ) -> Bool[np.ndarray, "n"]:
-    """Whether something stands between the arc and each point."""
+    """Whether one of these geoms stands between the arc and each point."""
     to_points = points_base - arc.position_base
     within_m = np.linalg.norm(to_points, axis=1) - _SHADE_TOLERANCE_M
-    return caster.blocked(data, arc.position_base, unit(to_points), np.maximum(within_m, 0))
+    within_m = np.maximum(within_m, 0)
+    return caster.blocked(data, arc.position_base, unit(to_points), within_m, among=among, exact=False)
 
 
 def arc_seen(arc: ArcLight, centre_base: Float[np.ndarray, "3"], free_m: float) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from weldcell.cell.errors import BadGeometry
 from weldcell.cell.optics import CameraModel
@@ -49,20 +49,30 @@ class FineView:
         self, seen: SeenCells, marks: Bool[np.ndarray, "n"], places: Float[np.ndarray, "n 2"]
     ) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
         """Rows and columns of the pixels whose knots are not of one surface, differ in marks or lie apart in places."""
-        shape = self.directions_camera.shape[:2]
-        first, others = _corners(np.arange(seen.geom_id.size).reshape(shape))
-        odd = np.zeros(first.shape, bool)
+        odd = np.zeros([size - 1 for size in self.directions_camera.shape[:2]], bool)
+        for field, largest in ((seen.normals_base, _LARGEST_TURN), (places, _LARGEST_JUMP)):
+            for axis in field.T:
+                first, others = self._corners(axis)
+                for other in others:
+                    odd |= np.abs(first - other) > largest
+        for field in (seen.geom_id, marks):
+            first, others = self._corners(field)
+            for other in others:
+                odd |= first != other
+        normal, (points, others) = self._corners(seen.normals_base)[0], self._corners(seen.points_base)
         for other in others:
-            turned = np.abs(seen.normals_base[first] - seen.normals_base[other]).max(axis=-1) > _LARGEST_TURN
-            step_m = np.einsum(
-                "...i,...i->...", seen.normals_base[first], seen.points_base[first] - seen.points_base[other]
-            )
-            apart = np.abs(places[first] - places[other]).max(axis=-1) > _LARGEST_JUMP
-            odd |= turned | apart | (np.abs(step_m) > _LARGEST_STEP_M)
-            odd |= (seen.geom_id[first] != seen.geom_id[other]) | (marks[first] != marks[other])
-        pixels = np.kron(odd, np.ones((STEP_PX, STEP_PX), bool))[: self.height_px, : self.width_px]
-        rows, columns = np.nonzero(pixels)
-        return rows, columns
+            odd |= np.abs(np.einsum("...i,...i->...", normal, points - other)) > _LARGEST_STEP_M
+        row, column = np.nonzero(odd)
+        within = np.arange(STEP_PX)
+        rows = np.broadcast_to((STEP_PX * row[:, None] + within)[:, :, None], (len(row), STEP_PX, STEP_PX)).ravel()
+        columns = np.broadcast_to((STEP_PX * column[:, None] + within)[:, None], (len(row), STEP_PX, STEP_PX)).ravel()
+        inside = (rows < self.height_px) & (columns < self.width_px)
+        return rows[inside], columns[inside]
+
+    def _corners(self, field: Shaped[np.ndarray, "n *k"]) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        """A field of the knots at each cell's first corner, and at its three others."""
+        knots = field.reshape(*self.directions_camera.shape[:2], *field.shape[1:])
+        return knots[:-1, :-1], (knots[:-1, 1:], knots[1:, :-1], knots[1:, 1:])
 
     def rays(self, rows: Int[np.ndarray, "k"], columns: Int[np.ndarray, "k"]) -> Float[np.ndarray, "k 3"]:
         """Unit rays of pixels, drawn out between the knots' (a lens bends them by far less than a pixel)."""
@@ -83,8 +93,3 @@ def fine_view(camera: CameraModel) -> FineView:
         raise BadGeometry("camera: the lens distortion cannot be inverted over the whole picture")
     directions = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     return FineView(width_px=camera.width_px, height_px=camera.height_px, directions_camera=directions)
-
-
-def _corners(knots: Int[np.ndarray, "rows columns"]) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """For each cell its first knot and the three others."""
-    return knots[:-1, :-1], (knots[:-1, 1:], knots[1:, :-1], knots[1:, 1:])

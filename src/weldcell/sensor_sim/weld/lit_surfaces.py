@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.optics import CameraModel
+from weldcell.models.surface_texture import SurfaceTexture
 from weldcell.sensor_sim.materials import geom_materials
 from weldcell.sensor_sim.rays import RayCaster
 from weldcell.sensor_sim.texture import SceneTextures
@@ -18,10 +19,13 @@ from weldcell.sensor_sim.weld.fine_view import fine_view
 class LitSurfaces:
     """A camera's view of what the arc lights in a scene; one for each thread."""
 
-    def __init__(self, camera: CameraModel, model: mujoco.MjModel, caster: RayCaster, work: RayCaster) -> None:
-        """`caster` has all that the camera sees, `work` what stops the arc's light."""
-        self._view, self._caster, self._work = fine_view(camera), caster, work
+    def __init__(
+        self, camera: CameraModel, model: mujoco.MjModel, caster: RayCaster, opaque: Bool[np.ndarray, "geoms"]
+    ) -> None:
+        """`caster` has all that the camera sees; `opaque` is what stops the arc's light."""
+        self._view, self._caster, self._opaque = fine_view(camera), caster, opaque
         self._materials, self._textures = geom_materials(model), SceneTextures(model)
+        self._floats: dict[SurfaceTexture, np.ndarray] = {}
 
     def radiance(
         self, arc: ArcLight, data: mujoco.MjData, T_base_camera: RigidTransform
@@ -35,16 +39,25 @@ class LitSurfaces:
             places[here] = places_px
             whole_u, whole_v = (self._view.whole(np.where(_mask(here, len(plain)), places[:, k], -1.0)) for k in (0, 1))
             grey = cv2.remap(
-                texture.grey.astype(np.float32), whole_u, whole_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+                self._as_float(texture), whole_u, whole_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )
-            on_it = self._view.whole(_mask(here, len(plain)).astype(float)) > 0.999
-            cv2.multiply(picture, np.where(on_it, grey / np.float32(255), np.float32(1)), dst=picture)
+            factor = grey / np.float32(255)
+            if len(here) < len(plain):
+                on_it = self._view.whole(_mask(here, len(plain)).astype(float)) > 0.999
+                factor[~on_it] = 1.0
+            cv2.multiply(picture, factor, dst=picture)
         rows, columns = self._view.rough(seen, lit, places)
         rays_base = self._view.rays(rows, columns) @ R_base_camera.T
         single = seen_along(rays_base, self._caster, data, T_base_camera)
         texture_there = self._textures.factor(data, single.points_base, single.normals_base, single.geom_id)
         picture[rows, columns] = self._plain(arc, single, data)[0] * texture_there
         return picture
+
+    def _as_float(self, texture: SurfaceTexture) -> Float[np.ndarray, "rows columns"]:
+        """A texture's picture as cv2.remap needs it for fractions of a level."""
+        if texture not in self._floats:
+            self._floats[texture] = texture.grey.astype(np.float32)
+        return self._floats[texture]
 
     def _plain(
         self, arc: ArcLight, seen: SeenCells, data: mujoco.MjData
@@ -53,7 +66,7 @@ class LitSurfaces:
         to_points = seen.points_base - arc.position_base
         facing = np.einsum("ni,ni->n", seen.normals_base, to_points) < 0
         free_m = np.zeros(len(to_points))
-        free_m[facing] = np.where(shaded(arc, seen.points_base[facing], self._work, data), 0.0, np.inf)
+        free_m[facing] = np.where(shaded(arc, seen.points_base[facing], self._caster, data, self._opaque), 0.0, np.inf)
         return lit_radiance(arc, seen, self._materials, free_m), reaches(arc, seen, free_m)
 
 

@@ -19,7 +19,6 @@ from weldcell.sensor_sim.laser import LaserFan
 from weldcell.sensor_sim.rays import RayCaster
 from weldcell.sensor_sim.stripe import StripeOptics, StripePieces
 from weldcell.sensor_sim.weld.arc import (
-    ArcFlicker,
     ArcLight,
     Patch,
     arc_core,
@@ -48,9 +47,11 @@ class WeldState:
     """How strongly the weld goes on during a picture."""
 
     arc: float
-    """Strength of the arc."""
+    """Strength of the arc, its flicker included."""
     fume: float
     """Strength of the fume."""
+    cloud: FumeCloud
+    """Where the fume is."""
     droplets: Droplets
     """The spatter that is about."""
     laser: float
@@ -106,7 +107,7 @@ class WeldPicture:
 
 
 class WeldLight:
-    """The weld in front of one sensor in a scene; one for each thread."""
+    """What any weld does to the pictures of one sensor in a scene; one for each thread."""
 
     def __init__(
         self,
@@ -115,16 +116,15 @@ class WeldLight:
         fan: LaserFan,
         optics: StripeOptics,
         model: mujoco.MjModel,
-        seed: int,
+        caster: RayCaster,
     ) -> None:
-        """`camera`, `fan` and `optics` are the actual ones of this sensor."""
+        """`camera`, `fan` and `optics` are the actual ones of this sensor, `caster` has all that it sees."""
         self._response, self._glass, self._camera = photometry(config), lens(config), camera
         self._view, self._fume_view = CoarseView(camera), CoarseView(camera, cell_px=_FUME_CELL_PX)
         self._sheet = light_sheet(fan, optics, self._fume_view.directions_camera)
         self._source_camera = fan.source_camera
-        self._flicker, self._cloud = ArcFlicker(seed), FumeCloud(seed)
-        self._caster, self._work = RayCaster(model), RayCaster(model, groups=_WORKPIECES)
-        self._surfaces = LitSurfaces(camera, model, self._caster, self._work)
+        self._caster, self._opaque = caster, np.isin(model.geom_group, _WORKPIECES)
+        self._surfaces = LitSurfaces(camera, model, caster, self._opaque)
 
     def picture(
         self, state: WeldState, data: mujoco.MjData, T_base_camera: RigidTransform, T_base_torch: RigidTransform
@@ -133,8 +133,7 @@ class WeldLight:
 
         `data` needs up-to-date kinematics.
         """
-        level = self._flicker.mean(*state.window_s) if state.arc > 0 else 0.0
-        moment = self._moment(state, arc_light(T_base_torch, state.arc * level), data, T_base_camera, T_base_torch)
+        moment = self._moment(state, arc_light(T_base_torch, state.arc), data, T_base_camera, T_base_torch)
         picture = WeldPicture(view=self._view)
         if state.fume > 0:
             picture = self._with_fume(picture, moment)
@@ -156,7 +155,9 @@ class WeldLight:
         seen = self._view.look(self._caster, data, T_base_camera)
         droplets = state.droplets.chosen(glowing(state.droplets, state.window_s[0]))
         to_camera = seen.centre_base - arc.position_base
-        free_m = free_ways_m(arc, unit(np.vstack([to_camera, droplets.velocity_base])), self._work, data)
+        free_m = free_ways_m(
+            arc, unit(np.vstack([to_camera, droplets.velocity_base])), self._caster, data, self._opaque
+        )
         return _Moment(
             state=replace(state, droplets=droplets),
             arc=arc,
@@ -178,10 +179,10 @@ class WeldLight:
             for points in (np.zeros(3), self._source_camera, self._sheet.points_camera, surface_camera)
         )
         places, piece_m = pieces_of(centre, stops)
-        extinction = strength * self._cloud.extinction_per_m(places, time_s)
+        extinction = strength * moment.state.cloud.extinction_per_m(places, time_s)
         left = np.exp(-extinction.sum(axis=1) * piece_m)
         laser_places, laser_piece_m = pieces_of(source, at_sheet)
-        laser_extinction = strength * self._cloud.extinction_per_m(laser_places, time_s)
+        laser_extinction = strength * moment.state.cloud.extinction_per_m(laser_places, time_s)
         laser_left = np.exp(-laser_extinction.sum(axis=1) * laser_piece_m)
         haze = laser_extinction[:, -1] * laser_left * self._sheet.haze_grey_m * (self._sheet.range_m < range_m)
         lit = self._response.grey_per_radiance * scattered_arc(extinction, centre, stops, arc.intensity)
