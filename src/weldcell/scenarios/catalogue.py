@@ -52,6 +52,16 @@ SCENARIOS = (
         module="weldcell.scenarios.v_seam",
     ),
     Scenario(
+        name="u-seam",
+        summary="scan P1's U seam on a free-form surface: by the joint's finder, and by P1's morphology",
+        module="weldcell.scenarios.u_seam",
+    ),
+    Scenario(
+        name="weld",
+        summary="weld a misplaced, drifting part in closed loop: torch error against the exact seam",
+        module="weldcell.scenarios.weld",
+    ),
+    Scenario(
         name="boss",
         summary="scan the boss: its slanted edges and dihedral angles",
         module="weldcell.scenarios.boss",

@@ -32,9 +32,11 @@ def station_for(job: Job, boards: tuple[Board, ...] = ()) -> Iterator[Station]:
         yield station
 
 
-def conclude(station: Station, title: str, metrics: Mapping[str, float | None]) -> Outcome:
+def conclude(
+    station: Station, title: str, metrics: Mapping[str, float | None], more_failures: tuple[str, ...] = ()
+) -> Outcome:
     """The outcome, which also becomes the recording's results page."""
-    outcome = Outcome(metrics=metrics, limits=limits_for(metrics), failures=failures(metrics))
+    outcome = Outcome(metrics=metrics, limits=limits_for(metrics), failures=failures(metrics) + more_failures)
     station.recording.log_text("results", f"# {title}\n\n{results_markdown(outcome)}")
     return outcome
 

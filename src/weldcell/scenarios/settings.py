@@ -98,6 +98,7 @@ _PRESETS: Mapping[str, tuple[str, Mapping[Any, Any]]] = {
 _SCENARIO_DEFAULTS: Mapping[str, Mapping[str, object]] = {
     "hand-eye-point": {"sensor.preset": "p1"},
     "u-seam": {
+        "sensor.preset": "p1",
         "seam.joint": "u",
         "seam.path": "surface",
         "seam.width_mm": 100.0,

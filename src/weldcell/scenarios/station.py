@@ -14,7 +14,7 @@ from weldcell.cell.profile import JointFeatures, Profile, Shot, Stripe
 from weldcell.cell.randomness import generator
 from weldcell.cell.world.controller import nominal_arm
 from weldcell.cell.world.motion import MotionPlanner
-from weldcell.cell.world.robot_error import BUDGETS, RobotError, draw_error
+from weldcell.cell.world.robot_error import BUDGETS, RobotError, draw_error, flange_m_per_joint_rad
 from weldcell.cell.world.scene import (
     HOME_RAD,
     SHELF,
@@ -24,6 +24,7 @@ from weldcell.cell.world.scene import (
     head_design,
 )
 from weldcell.models.board import Board
+from weldcell.models.own_arm import OwnArm
 from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
@@ -77,7 +78,7 @@ class Station:
         for remark in own.remarks:
             progress.stage(f"weldcell: note: {remark}")
         self.parts = build_parts(config, own.part)
-        error = draw_error(BUDGETS[config.robot], generator(seed, "robot"))
+        error = draw_error(BUDGETS[config.robot], generator(seed, "robot"), **_lever(own.arm))
         camera, plane = nominal_camera(config.sensor), nominal_plane(config.sensor)
         self.actual_plane = plane
         self.belief = believed_sensor(camera, plane, error)
@@ -144,9 +145,13 @@ class Station:
         """Puts the plate where the configuration says, and actually a little off: so much, or drawn."""
         seam = self.config.seam
         if misplacement is not None:
-            self._place("plate", _told(seam.position_mm, seam.yaw_deg), misplacement)
+            self._place("plate", self.told_plate(), misplacement)
             return
         self._place_workpiece("plate", seam.position_mm, seam.yaw_deg, seam.misplacement_mm, seam.misplacement_deg)
+
+    def told_plate(self) -> RigidTransform:
+        """Where the controller is told that the plate stands."""
+        return _told(self.config.seam.position_mm, self.config.seam.yaw_deg)
 
     def place_boss(self) -> None:
         """Puts the boss where the configuration says, and actually a little off."""
@@ -159,6 +164,13 @@ class Station:
         start_s = self.time_s
         for time_s, readings_rad in zip(motion.times_s[1:], motion.joints_rad[1:], strict=True):
             self.stand_at(readings_rad, start_s + float(time_s))
+
+    def back_off(self, distance_m: float, steps: int) -> None:
+        """Draws the torch back along its wire, out of whatever it is in."""
+        T_base_torch = self.controller.forward(self.joints_rad) * T_FLANGE_TORCH
+        for share in np.arange(1, steps + 1) / steps:
+            T_base_flange = T_base_torch * translation([0, 0, -share * distance_m]) * T_FLANGE_TORCH.inv()
+            self.stand_at(self.controller.inverse(T_base_flange, self.joints_rad), self.time_s + 0.1)
 
     def stand_at(self, joints_rad: Float[np.ndarray, "6"], time_s: float) -> None:
         """The arm is at these readings at this time, on a motion that is known to be free."""
@@ -288,6 +300,11 @@ class Station:
             for other, T_base_shelf in SHELF.items():
                 cell.place(other, T if other == part else T_base_shelf)
         self.recording.log_pose(self.frame, self.time_s, self.cell.data)
+
+
+def _lever(arm: OwnArm | None) -> dict[str, float]:
+    """How far an arm of one's own takes the flange for the joints' noise; the cell's own is known."""
+    return {} if arm is None else {"flange_m_per_joint_rad": flange_m_per_joint_rad(arm, arm.home_rad)}
 
 
 def _told(position_mm: tuple[float, float, float], yaw_deg: float) -> RigidTransform:
