@@ -58,7 +58,7 @@ class TorchPath:
         """
         here, ahead = self.taught.places(arc_length_m), self.taught.places(arc_length_m + self.look_ahead_m)
         upright = torch_rotations(ahead.points - here.points, here.ups)
-        return upright * Rotation.from_euler("xy", [-self.work_rad, -self.travel_rad])
+        return upright * Rotation.from_euler("xy", [self.work_rad, -self.travel_rad])
 
     def flanges(
         self,

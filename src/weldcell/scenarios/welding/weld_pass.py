@@ -31,6 +31,7 @@ _BLEND_M = (-0.045, -0.008)  # from the seam's start: where the guide's word beg
 _FADE_S = 0.15
 _BEYOND_END_M = 0.030  # of the taught path: further on there is nothing to weld
 _TRACK_POINTS = 25
+_SETTLING_TICKS = 4  # the arm comes to a stand that much after what it is sent
 _LIGHT: tuple[DisturbanceKind, ...] = ("arc", "spatter", "fume")
 
 
@@ -108,7 +109,9 @@ class WeldPass:
         """What happened, from the run-in's start, where the arm stands, to where the torch came to a stand."""
         self._drive.start(self._station.joints_rad)
         clock = PathClock(1e-3 * self._config.speed_mm_s, ACCELERATION_M_S2, start_m=self.start_m)
-        while not (clock.stopped or self._drive.at_rest):
+        standing = 0
+        while standing < _SETTLING_TICKS:
+            standing += int(self._drive.at_rest if self._drive.trouble else clock.stopped)
             clock.advance(self._tick_s)
             self._now_s += self._tick_s
             self._tick(clock.arc_length_m)
