@@ -7,18 +7,29 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from benchmarks import accuracy, covariance, dataset, hand_eye_methods, precision, rays, speed
-from benchmarks.table import Figure, as_data, show
+from benchmarks import (
+    accuracy,
+    covariance,
+    dataset,
+    detector_tables,
+    hand_eye_methods,
+    precision,
+    rays,
+    seams,
+    speed,
+    welding,
+)
+from benchmarks.table import Figure, Grid, as_data, show, show_grid
 
 RESULTS = Path(__file__).with_name("results.json")
 
-Tables = dict[str, list[Figure]]
+Tables = Mapping[str, Sequence[Figure] | Grid]
 
 
 def main(names: list[str]) -> int:
@@ -30,9 +41,12 @@ def main(names: list[str]) -> int:
     console = Console()
     for part in names or PARTS:
         tables = PARTS[part]()
-        for title, figures in tables.items():
-            show(console, title, figures)
-        _keep(part, {title: as_data(figures) for title, figures in tables.items()})
+        for title, table in tables.items():
+            if isinstance(table, Grid):
+                show_grid(console, table)
+            else:
+                show(console, title, table)
+        _keep(part, {title: _data(table) for title, table in tables.items()})
     console.print(str(RESULTS), highlight=False)
     return 0
 
@@ -52,13 +66,21 @@ def _job() -> Tables:
 PARTS: dict[str, Callable[[], Tables]] = {
     "speed": _speed,
     "rays": lambda: {"Rays on a plate of 240 000 triangles": rays.figures()},
+    "detectors": lambda: detector_tables.tables(Console()),
     "precision": lambda: {"Stripe centre against the Cramer-Rao bound": precision.figures()},
     "dataset": lambda: {"Data sets": dataset.figures()},
     "job": _job,
     "accuracy": accuracy.tables,
+    "weld": welding.figures,
     "hand-eye": hand_eye_methods.tables,
+    "seams": seams.tables,
     "covariance": lambda: {"Predicted covariance against 500 trials": covariance.figures()},
 }
+
+
+def _data(table: Sequence[Figure] | Grid) -> dict[str, Any]:
+    """A table for the JSON file."""
+    return {"columns": table.columns, "rows": table.rows} if isinstance(table, Grid) else as_data(table)
 
 
 def _keep(part: str, tables: dict[str, Any]) -> None:

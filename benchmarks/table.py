@@ -39,6 +39,30 @@ class Figure:
         return "ok" if low and high else "short"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """A table of several columns of text."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+    def markdown(self) -> str:
+        """The same for a page; the first two columns are words, the others numbers."""
+        ruler = ["---" if k < 2 else "---:" for k in range(len(self.columns))]
+        return "\n".join(f"| {' | '.join(cells)} |" for cells in (self.columns, ruler, *self.rows))
+
+
+def show_grid(console: Console, grid: Grid) -> None:
+    """Prints a grid."""
+    table = Table(title=grid.title, title_justify="left")
+    for k, column in enumerate(grid.columns):
+        table.add_column(column, justify="left" if k < 2 else "right", overflow="fold")
+    for row in grid.rows:
+        table.add_row(*row)
+    console.print(table)
+
+
 def show(console: Console, title: str, figures: Sequence[Figure]) -> None:
     """Prints a table; targets only where there are some."""
     table = Table(title=title, title_justify="left")

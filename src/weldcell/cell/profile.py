@@ -36,10 +36,14 @@ class Stripe:
     """Row of the stripe's centre."""
     sigma_px: Float[np.ndarray, "n"]
     """Predicted standard deviation of the sub-pixel one of the two: across the rows or columns it runs along."""
+    amplitude_grey: Float[np.ndarray, "n"] | None = None
+    """Height of the stripe above the background, grey levels; it fades at an edge. None where nobody measured it."""
 
     def __post_init__(self) -> None:
         if not self.u_px.shape == self.v_px.shape == self.sigma_px.shape:
             raise BadGeometry("stripe: u_px, v_px and sigma_px must have the same length")
+        if self.amplitude_grey is not None and self.amplitude_grey.shape != self.u_px.shape:
+            raise BadGeometry("stripe: amplitude_grey must have the length of u_px")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +58,14 @@ class Profile:
     """False where the point is out of the sensor's range."""
     reason: str = ""
     """Why the profile holds no valid point, if it holds none."""
+    amplitude_grey: Float[np.ndarray, "n"] | None = None
+    """Height of the stripe at each point, grey levels; None where nobody measured it."""
 
     def __post_init__(self) -> None:
         if not len(self.points_camera) == len(self.sigma_m) == len(self.valid):
             raise BadGeometry("profile: points_camera, sigma_m and valid must have the same length")
+        if self.amplitude_grey is not None and len(self.amplitude_grey) != len(self.valid):
+            raise BadGeometry("profile: amplitude_grey must have the length of valid")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ from itertools import permutations
 
 import numpy as np
 
+from weldcell.tracking.bevel_foot import bevel_foot
 from weldcell.tracking.candidates import (
     EXPLAINED_M,
     MOST_SIGMA_M,
@@ -22,7 +23,8 @@ from weldcell.tracking.candidates import (
     near_words,
     on_model,
 )
-from weldcell.tracking.curves import Curve, End, curve_end, curves_cross, fit_curve, line_curve
+from weldcell.tracking.curve_end import curve_end
+from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.pieces import Piece, straight_pieces
 from weldcell.tracking.section import Corner, Section
@@ -36,13 +38,15 @@ _LEAST_INLIER_SHARE = 0.4
 _LEAST_EXPLAINED = 0.5
 _LEAST_TURN_RAD = np.deg2rad(15)
 _LEAST_DEPTH_M = 1e-3
+_LEAST_PLATE_M = 3e-3
 _SLACK_M = 1.5e-3
+_MOST_UNSEEN_M = 8e-3  # of plate and bevel on each side of their edge
 _WIDEST_GAP_M = 6e-3  # between the bevel's seen end and the square edge
 _GUARD_M = 4e-4
 _GUARD_SHARE = 0.15
 _BESIDE_M = 6e-3
+_COUNTED_M = 1.5e-2  # of plate and bevel, to tell what strays are usual on them
 _BEYOND_M = 2e-3
-_SHADOW_SPACINGS = 3.0  # a bevel that is seen up to the square edge's shadow has no gap to be seen
 _ROUNDS = 2
 
 
@@ -66,8 +70,13 @@ class _Bevel:
         return -self.square.start_m if self.flipped else self.square.start_m
 
 
-def find_bevel(section: Section, previous_x_m: float | None = None) -> Found:
-    """The single bevel's left edge, root and right edge, whichever plate has the bevel."""
+def find_bevel(
+    section: Section, previous_x_m: float | None = None, *, previous_kept_depth_m: float | None = None
+) -> Found:
+    """The single bevel's left edge, root and right edge, whichever plate has the bevel.
+
+    `previous_kept_depth_m` is the last frame's measure: how deep the bevel ended where its end was seen.
+    """
     if len(section.x_m) < _FEWEST_POINTS:
         return Found(reason=f"{len(section.x_m)} points are too few for a single bevel (at least {_FEWEST_POINTS})")
     pieces: list[Piece] = []
@@ -87,7 +96,7 @@ def find_bevel(section: Section, previous_x_m: float | None = None) -> Found:
         best = best_of(scores, [one.anchor_m for one in candidates])
         if best is not None:
             chosen = candidates[best[0]]
-            return _refined(sections[chosen.flipped], chosen, best[1])
+            return _refined(sections[chosen.flipped], chosen, best[1], previous_kept_depth_m)
     return Found(
         reason=f"no single bevel{near_words(previous_x_m)}: of {len(pieces)} straight pieces no three form one"
     )
@@ -100,7 +109,11 @@ def _flipped(piece: Piece) -> Piece:
 def _forms_bevel(one: _Bevel) -> bool:
     if one.bevel.angle_rad - one.plate.angle_rad < _LEAST_TURN_RAD or not is_plate_pair(one.plate, one.square):
         return False
+    if min(piece.end_m - piece.start_m for piece in (one.plate, one.square)) < _LEAST_PLATE_M:
+        return False
     if not one.plate.end_m - _SLACK_M <= one.edge_m <= one.bevel.start_m + _SLACK_M:
+        return False
+    if max(one.edge_m - one.plate.end_m, one.bevel.start_m - one.edge_m) > _MOST_UNSEEN_M:
         return False
     hidden_m = one.square.start_m - one.bevel.end_m
     if not -_SLACK_M <= hidden_m <= _WIDEST_GAP_M:
@@ -123,7 +136,7 @@ def _explained_points(section: Section, one: _Bevel) -> float:
     return float(total)
 
 
-def _refined(section: Section, one: _Bevel, margin: float) -> Found:
+def _refined(section: Section, one: _Bevel, margin: float, previous_kept_depth_m: float | None) -> Found:
     edge_m, foot_m, square_m = one.edge_m, one.bevel.end_m, one.square.start_m
     plate, bevel, square = (line_curve(piece.slope, piece.intercept_m) for piece in (one.plate, one.bevel, one.square))
     edge: Corner | None = None
@@ -145,15 +158,17 @@ def _refined(section: Section, one: _Bevel, margin: float) -> Found:
         edge_m = edge.x_m
     assert edge is not None
     square_end = curve_end(
-        section, square, min(square_m + _BESIDE_M, one.square.end_m), square_m - _BEYOND_M, beyond=bevel
+        section, square, min(square_m + _COUNTED_M, one.square.end_m), square_m - _BEYOND_M, beyond=bevel
     )
     if square_end is None:
         return Found(reason="no single bevel: its square edge has no end")
-    bevel_end = curve_end(section, bevel, max(edge_m, foot_m - _BESIDE_M), square_end.corner.x_m)
+    bevel_end = curve_end(section, bevel, max(edge_m, foot_m - _COUNTED_M), square_end.corner.x_m)
     if bevel_end is None or bevel_end.corner.x_m <= edge_m:
         return Found(reason="no single bevel: its bevel has no end")
-    root, gap_m = _root(section, square, bevel, square_end, bevel_end)
-    corners = (edge, root, square_end.corner)
+    foot = bevel_foot(section, square, bevel, square_end.corner, bevel_end.corner, previous_kept_depth_m)
+    higher_m = mismatch_m(plate, edge, square, foot.edge)
+    root = _between_members(foot.root, square, higher_m)
+    corners = (edge, root, foot.edge)
     model = [
         (plate, edge_m - _BESIDE_M, edge_m),
         (bevel, edge_m, bevel_end.corner.x_m),
@@ -169,17 +184,26 @@ def _refined(section: Section, one: _Bevel, margin: float) -> Found:
     if worst > MOST_SIGMA_M:
         return Found(reason=f"single bevel too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
     measures = {
-        "gap_m": gap_m,
+        "gap_m": foot.gap_m,
         "bevel_angle_rad": np.pi / 2 - (bevel.angle_at(edge_m) - square.angle_at(square_m)),
-        "mismatch_m": mismatch_m(plate, edge, square, corners[2]),
-        "depth_m": float(np.hypot(root.x_m - corners[2].x_m, root.z_m - corners[2].z_m)),
+        "mismatch_m": higher_m,
+        "depth_m": foot.depth_m,
     }
+    if foot.kept_depth_m is not None:
+        measures["kept_depth_m"] = foot.kept_depth_m
     trust = Trust(explained=explained, margin=margin, support=min(plate.count, bevel.count, square.count))
     if one.flipped:
         measures["mismatch_m"] *= -1
         unflipped = tuple(replace(corner, x_m=-corner.x_m) for corner in corners)
         return Found(corners=unflipped, measures=measures, trust=trust)
     return Found(corners=corners[::-1], measures=measures, trust=trust)
+
+
+def _between_members(root: Corner, square: Curve, higher_m: float) -> Corner:
+    """Midway between both root edges: equally deep in its member, the square one stands as much higher as its plate."""
+    tilt_rad = square.angle_at(root.x_m)
+    x_m, z_m = root.x_m + higher_m / 2 * np.sin(tilt_rad), root.z_m - higher_m / 2 * np.cos(tilt_rad)
+    return replace(root, x_m=float(x_m), z_m=float(z_m))
 
 
 def _fitted(section: Section, start: Curve, low: float, high: float, degree: int) -> Curve | None:
@@ -194,44 +218,3 @@ def _complaint(fits: tuple[Curve | None, ...]) -> str:
         if fit.inlier_share < _LEAST_INLIER_SHARE:
             return f"no single bevel: only {fit.inlier_share:.0%} of the points of its {name} lie on one line"
     return ""
-
-
-def _root(section: Section, square: Curve, bevel: Curve, square_end: End, bevel_end: End) -> tuple[Corner, float]:
-    """Midway between the bevel's end and the face, and the gap between them."""
-    edge, end = square_end.corner, bevel_end.corner
-    meeting = _on_face(square, bevel, edge)
-    lean = square.slope_at(edge.x_m)
-    if _ends_in_shadow(section, edge, end) or meeting.x_m <= end.x_m:
-        return meeting, 0.0
-    direction = np.array([1.0, lean]) / np.hypot(1.0, lean)  # along the square plate
-    gap_m = float(direction @ [edge.x_m - end.x_m, edge.z_m - end.z_m])
-    if gap_m <= 0:
-        return meeting, 0.0
-    # The gap's ends are independent; the middle moves by half of each.
-    sigma_m = 0.5 * float(np.hypot(end.sigma_m, edge.sigma_m))
-    x_m, z_m = np.array([end.x_m, end.z_m]) + gap_m / 2 * direction
-    return Corner(x_m=float(x_m), z_m=float(z_m), sigma_m=sigma_m), gap_m
-
-
-def _ends_in_shadow(section: Section, edge: Corner, end: Corner) -> bool:
-    """Whether the square edge hides what lies beyond the bevel's end.
-
-    It keeps the light, which goes along z, from what has a larger x, and takes the columns of what lies along the
-    camera's rays below it.
-    """
-    spacing_m = float(np.median(np.diff(section.x_m)))
-    at = min(int(np.searchsorted(section.x_m, edge.x_m)), len(section.x_m) - 1)
-    ray_m = edge.x_m + float(section.noise_slope[at]) * (end.z_m - edge.z_m)
-    return min(edge.x_m, ray_m) - end.x_m <= _SHADOW_SPACINGS * spacing_m
-
-
-def _on_face(square: Curve, bevel: Curve, edge: Corner) -> Corner:
-    """Where the bevel meets the square face, which goes down at right angles to its plate."""
-    lean = square.slope_at(edge.x_m)
-    slope = bevel.slope_at(edge.x_m)
-    down_m = (bevel.z_at(edge.x_m) - edge.z_m) / (1 + slope * lean)
-    x_m = edge.x_m - lean * down_m
-    shift = (1 + slope**2) / (1 + slope * lean) ** 2  # along the bevel, for each of the edge along the plate
-    turn_m = down_m * np.sqrt(square.covariance[1, 1]) / square.length_m
-    variance = shift * (edge.sigma_m**2 + turn_m**2) + bevel.variance_at(x_m)
-    return Corner(x_m=float(x_m), z_m=bevel.z_at(x_m), sigma_m=float(np.sqrt(variance)))

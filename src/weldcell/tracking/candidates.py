@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from weldcell.tracking.curves import Curve
+from weldcell.tracking.found import Found
 from weldcell.tracking.pieces import Piece
 from weldcell.tracking.section import Corner, Section
 
@@ -19,6 +20,7 @@ MOST_PLATE_ANGLE_RAD = float(np.deg2rad(25))
 MOST_SIGMA_M = 5e-4
 """A corner less certain than this is not reported."""
 _SAME_JOINT_M = 1e-3
+_USUAL_STEP_M = 2e-3  # across the light, from one frame to the next
 _EXPLAINED_SIGMAS = 4.0
 
 
@@ -38,6 +40,21 @@ def best_of(scores: Sequence[float], anchors_m: Sequence[float]) -> tuple[int, f
 def is_near(x_m: float, previous_x_m: float | None) -> bool:
     """Whether a joint at `x_m` may be the last frame's."""
     return previous_x_m is None or abs(x_m - previous_x_m) <= GATE_M
+
+
+def unlikelihood(x_m: float, previous_x_m: float | None) -> float:
+    """How much less likely (nats) a joint at `x_m` is the last frame's than one at its place."""
+    return 0.0 if previous_x_m is None else 0.5 * ((x_m - previous_x_m) / _USUAL_STEP_M) ** 2
+
+
+def as_deep(found: Found, name: str, previous_depth_m: float | None, most_risen_m: float) -> Found:
+    """The groove, unless its bottom has risen by more since the last frame, as where a tack weld fills it."""
+    risen_m = (previous_depth_m or 0.0) - found.measures.get("depth_m", np.inf)
+    if risen_m <= most_risen_m:
+        return found
+    return Found(
+        reason=f"no {name}: its bottom stands {risen_m * 1e3:.1f} mm higher than before, as a tack weld's does"
+    )
 
 
 def near_words(previous_x_m: float | None) -> str:
@@ -81,4 +98,5 @@ def mirrored(section: Section) -> Section:
         z_m=section.z_m[::-1],
         sigma_m=section.sigma_m[::-1],
         noise_slope=-section.noise_slope[::-1],
+        amplitude_grey=section.amplitude_grey[::-1],
     )

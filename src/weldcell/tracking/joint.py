@@ -13,9 +13,10 @@ from weldcell.tracking.bevel_groove import BEVEL_NAMES, find_bevel
 from weldcell.tracking.confidence import confidence
 from weldcell.tracking.fillet import FILLET_NAMES, find_fillet
 from weldcell.tracking.found import Found
-from weldcell.tracking.plate_edges import BUTT_NAMES, LAP_NAMES, find_butt, find_lap
+from weldcell.tracking.lap_joint import LAP_NAMES, find_lap
+from weldcell.tracking.plate_edges import BUTT_NAMES, find_butt
 from weldcell.tracking.round_groove import J_NAMES, U_NAMES, find_j, find_u
-from weldcell.tracking.section import Section, section_of
+from weldcell.tracking.section import section_of
 from weldcell.tracking.v_groove import GAPPED_V, OUTSIDE_CORNER, V_NAMES, find_v
 
 
@@ -27,17 +28,19 @@ class JointKind:
     """Its features, from left to right of the travel."""
     anchor: str
     """The feature that a tracker follows: the last frame's one gates the next."""
-    find: Callable[[Section, float | None], Found]
+    find: Callable[..., Found]
     """From a section and x of the last anchor (m, laser frame; None: no last frame) to its corners."""
+    kept: str = ""
+    """The last frame's measure that `find` also takes, as `previous_` with this name."""
 
 
 JOINT_KINDS = {
     "butt": JointKind(names=BUTT_NAMES, anchor="left", find=find_butt),
     "v": JointKind(names=V_NAMES, anchor="root", find=find_v),
-    "v-gap": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, shape=GAPPED_V)),
-    "bevel": JointKind(names=BEVEL_NAMES, anchor="root", find=find_bevel),
-    "u": JointKind(names=U_NAMES, anchor="centre", find=find_u),
-    "j": JointKind(names=J_NAMES, anchor="root", find=find_j),
+    "v-gap": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, shape=GAPPED_V), kept="depth_m"),
+    "bevel": JointKind(names=BEVEL_NAMES, anchor="root", find=find_bevel, kept="kept_depth_m"),
+    "u": JointKind(names=U_NAMES, anchor="centre", find=find_u, kept="depth_m"),
+    "j": JointKind(names=J_NAMES, anchor="root", find=find_j, kept="depth_m"),
     "lap": JointKind(names=LAP_NAMES, anchor="root", find=find_lap),
     "fillet": JointKind(names=FILLET_NAMES, anchor="root", find=find_fillet),
     "corner": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, shape=OUTSIDE_CORNER)),
@@ -61,7 +64,10 @@ def find_joint(
     joint = JOINT_KINDS[kind]
     if not profile.valid.any():
         return _invalid(joint, profile.reason or "the profile holds no valid point")
-    found = joint.find(section_of(profile, plane), _anchor_x(joint, plane, previous))
+    kept = {}
+    if joint.kept and previous is not None and joint.kept in previous.measures:
+        kept = {f"previous_{joint.kept}": previous.measures[joint.kept]}
+    found = joint.find(section_of(profile, plane), _anchor_x(joint, plane, previous), **kept)
     if not found.corners:
         return _invalid(joint, found.reason)
     points_laser = np.array([[corner.x_m, 0.0, corner.z_m] for corner in found.corners])

@@ -1,7 +1,7 @@
-"""Square butt and lap joints: plates whose light stops at their edges.
+"""Square butt joints: plates whose light stops at their edges.
 
-An edge is where the points of a plate stop, not where two lines cross, so its place is known to the columns' spacing
-at best. A gap may be dark or show what lies below it; both are columns without the plate.
+An edge is where the light of a plate stops, not where two lines cross, so its place is known to half a column or so
+(`curve_end`). A gap may be dark or show what lies below it; both are columns without the plate.
 """
 
 from dataclasses import dataclass
@@ -10,22 +10,23 @@ from itertools import combinations
 import numpy as np
 
 from weldcell.tracking.candidates import (
+    EXPLAINED_M,
     MOST_SIGMA_M,
-    PLATE_LENGTH_M,
     best_of,
     is_near,
     is_plate_pair,
     mismatch_m,
     near_words,
     on_model,
+    unlikelihood,
 )
-from weldcell.tracking.curves import Curve, End, curve_end, fit_curve, line_curve
+from weldcell.tracking.curve_end import End, curve_end
+from weldcell.tracking.curves import Curve, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
-from weldcell.tracking.pieces import Piece, agrees_with_neighbours, straight_pieces
+from weldcell.tracking.pieces import Piece, straight_pieces
 from weldcell.tracking.section import Corner, Section
 
 BUTT_NAMES = ("left", "right")
-LAP_NAMES = ("edge", "root")
 _STEEPEST = 2.0  # only the plates are looked for
 _NEIGHBOURS = 12
 _FEWEST_POINTS = 60
@@ -39,13 +40,12 @@ _MOST_GAP_M = 0.012
 _MOST_MISMATCH_M = 5e-3
 _VISIBLE_STEP_SIGMAS = 4.0
 _LEAST_STEP_M = 1e-4
-_BESIDE_M = 6e-3  # of the plate beside an edge, to tell what strays are usual on it
+_BESIDE_M = 1e-2  # of the plate beside an edge, to tell what strays are usual on it
 _BEYOND_M = 1e-3
-_LEAST_NATS = 10.0  # one in some 1400 columns may begin a gap, which costs 7 of these
+_LEAST_NATS = 14.0  # one in some 1400 columns may begin a gap, which costs 7; as much again keeps runs of strays out
+_KNOWN_NATS = 6.0  # of these, where the last frame says which fifty columns it is in
 _RISE_M = 3e-4  # what lies higher above the plates inside a gap covers it
 _COVERED_SHARE = 0.5
-_LAP_STEP_M = (4e-4, 1.5e-2)
-_MOST_HIDDEN_M = 8e-3
 _FITTED_M = 0.012  # of each plate of a butt joint: its ends matter, and it may be bent
 
 
@@ -79,7 +79,9 @@ def find_butt(section: Section, previous_x_m: float | None = None) -> Found:
     ]
     found = [_gap(section, start, end, (right, left), 1) for start, end, right, left in _stretches(section, pieces)]
     gaps = [gap for gap in found if gap is not None and is_near(gap.middle_m, previous_x_m)]
-    best = best_of([gap.nats - _LEAST_NATS for gap in gaps], [gap.middle_m for gap in gaps])
+    least = _LEAST_NATS - (0.0 if previous_x_m is None else _KNOWN_NATS)
+    scores = [gap.nats - least - unlikelihood(gap.middle_m, previous_x_m) for gap in gaps]
+    best = best_of(scores, [gap.middle_m for gap in gaps])
     if best is None:
         return Found(reason=f"no butt joint{near_words(previous_x_m)}: no gap or step between two plates")
     gap = gaps[best[0]]
@@ -97,25 +99,22 @@ def _stretches(section: Section, pieces: list[Piece]) -> list[tuple[float, float
         fits = is_plate_pair(right, left) and left.start_m - right.end_m <= _MOST_GAP_M
         if fits and between and abs(right.z_at(middle) - left.z_at(middle)) <= _MOST_MISMATCH_M:
             found.append((right.end_m, left.start_m, lines[i], lines[j]))
-    for start, end in _holes(section):
-        sides = [
-            next((k for k in order if pieces[k].start_m < at < pieces[k].end_m), None)
-            for at, order in ((start - 1e-3, range(len(pieces))), (end + 1e-3, reversed(range(len(pieces)))))
-        ]
-        if sides[0] is not None and sides[1] is not None:
-            found.append((start, end, lines[sides[0]], lines[sides[1]]))
+    for piece, line in zip(pieces, lines, strict=True):
+        found += [(start, end, line, line) for start, end in _holes(section, piece)]
     return found
 
 
-def _holes(section: Section) -> list[tuple[float, float]]:
-    """The widest stretches without points of a surface."""
-    x_m = section.x_m[agrees_with_neighbours(section, _STEEPEST, _NEIGHBOURS)]
-    steps = np.diff(x_m)
+def _holes(section: Section, piece: Piece) -> list[tuple[float, float]]:
+    """The widest stretches of a piece without points on it: a narrow gap on one level does not part it in two."""
+    x_m, z_m = section.x_m, section.z_m
+    near = (x_m >= piece.start_m) & (x_m <= piece.end_m)
+    near &= np.abs(z_m - piece.intercept_m - piece.slope * x_m) <= EXPLAINED_M
+    steps = np.diff(x_m[near])
     if not len(steps):
         return []
     wide = np.flatnonzero((steps > _HOLE_SPACINGS * np.median(steps)) & (steps <= _MOST_GAP_M))
     wide = wide[np.argsort(steps[wide])[::-1][:_MOST_HOLES]]
-    return [(float(x_m[k]), float(x_m[k + 1])) for k in wide]
+    return [(float(x_m[near][k]), float(x_m[near][k + 1])) for k in wide]
 
 
 def _gap(section: Section, start: float, end: float, starts: tuple[Curve, Curve], degree: int) -> _Gap | None:
@@ -184,92 +183,6 @@ def _along(plates: tuple[Curve, Curve], right: Corner, left: Corner) -> float:
     """Distance of the edges along the plates' mean direction."""
     tilt = (plates[0].angle_at(right.x_m) + plates[1].angle_at(left.x_m)) / 2
     return float((left.x_m - right.x_m) * np.cos(tilt) + (left.z_m - right.z_m) * np.sin(tilt))
-
-
-def find_lap(section: Section, previous_x_m: float | None = None) -> Found:
-    """The upper plate's edge, and the root where its square face meets the lower plate, seen or not."""
-    if len(section.x_m) < _FEWEST_POINTS:
-        return Found(reason=f"{len(section.x_m)} points are too few for a lap joint (at least {_FEWEST_POINTS})")
-    pieces = straight_pieces(section, steepest=_STEEPEST, neighbours=_NEIGHBOURS)
-    pairs = [pair for pair in combinations(pieces, 2) if _is_step(*pair) and is_near(_step_at_m(pair), previous_x_m)]
-    best = best_of([_step_weight(pair) for pair in pairs], [_step_at_m(pair) for pair in pairs])
-    if best is None:
-        return Found(
-            reason=f"no lap joint{near_words(previous_x_m)}: no two plates of {len(pieces)} pieces form a step"
-        )
-    return _lap(section, pairs[best[0]], best[1])
-
-
-def _is_step(right: Piece, left: Piece) -> bool:
-    if min(_length_m(right), _length_m(left)) < _LEAST_PLATE_M or not is_plate_pair(right, left):
-        return False
-    middle = (right.end_m + left.start_m) / 2
-    step_m = abs(right.z_at(middle) - left.z_at(middle))
-    return _LAP_STEP_M[0] <= step_m <= _LAP_STEP_M[1] and left.start_m - right.end_m <= _MOST_HIDDEN_M
-
-
-def _step_at_m(pair: tuple[Piece, Piece]) -> float:
-    return (pair[0].end_m + pair[1].start_m) / 2
-
-
-def _step_weight(pair: tuple[Piece, Piece]) -> float:
-    hidden_m = max(pair[1].start_m - pair[0].end_m, 0.0)
-    return min(_length_m(pair[0]), _length_m(pair[1]), PLATE_LENGTH_M) - hidden_m / 4
-
-
-def _lap(section: Section, pair: tuple[Piece, Piece], margin: float) -> Found:
-    right, left = pair
-    at = _step_at_m(pair)
-    upper_is_right = right.z_at(at) < left.z_at(at)
-    upper_piece, lower_piece = (right, left) if upper_is_right else (left, right)
-    outward = 1.0 if upper_is_right else -1.0  # from the upper plate to the lower one
-    edge_m = right.end_m if upper_is_right else left.start_m
-    lower_m = left.start_m if upper_is_right else right.end_m
-    upper = _plate(section, upper_piece, edge_m, edge_m - outward * PLATE_LENGTH_M)
-    lower = _plate(section, lower_piece, lower_m + outward * 3e-4, lower_m + outward * PLATE_LENGTH_M)
-    if upper is None or lower is None:
-        return Found(reason="no lap joint: too few points on one of its plates")
-    end = curve_end(section, upper, edge_m - outward * _BESIDE_M, lower_m + outward * _BEYOND_M, beyond=lower)
-    if end is None or end.nats < _LEAST_NATS:
-        return Found(reason="no lap joint: the upper plate has no clear edge")
-    root = _foot(end.corner, upper, lower)
-    worst = max(end.corner.sigma_m, root.sigma_m)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"lap joint too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
-    low, high = sorted((end.corner.x_m - outward * _BESIDE_M, end.corner.x_m))
-    lower_low, lower_high = sorted((lower_m, lower_m + outward * _BESIDE_M))
-    explained = _share(section, [(upper, low, high), (lower, lower_low, lower_high)])
-    if explained < _LEAST_EXPLAINED:
-        return Found(reason="no lap joint: most points beside the edge lie off the plates")
-    measures = {
-        "step_m": float(np.hypot(root.x_m - end.corner.x_m, root.z_m - end.corner.z_m)),
-        "angle_rad": outward * (lower.angle_at(root.x_m) - upper.angle_at(end.corner.x_m)),
-    }
-    trust = Trust(explained=explained, margin=margin, support=min(upper.count, lower.count))
-    return Found(corners=(end.corner, root), measures=measures, trust=trust)
-
-
-def _plate(section: Section, piece: Piece, near_m: float, far_m: float) -> Curve | None:
-    """The plate between two x, no farther than its piece reaches."""
-    low, high = max(min(near_m, far_m), piece.start_m), min(max(near_m, far_m), piece.end_m)
-    inside = (section.x_m >= low) & (section.x_m <= high)
-    curve = fit_curve(section.only(inside), line_curve(piece.slope, piece.intercept_m), highest_degree=3)
-    if curve is None or curve.count < _FEWEST_ON_PLATE or curve.inlier_share < _LEAST_INLIER_SHARE:
-        return None
-    return curve
-
-
-def _foot(edge: Corner, upper: Curve, lower: Curve) -> Corner:
-    """Where the line at right angles to the upper plate through its edge meets the lower plate."""
-    slope = upper.slope_at(edge.x_m)
-    down_m = 0.0
-    for _ in range(4):
-        x_m = edge.x_m - slope * down_m
-        down_m = (lower.z_at(x_m) - edge.z_m + lower.slope_at(x_m) * slope * down_m) / (1 + lower.slope_at(x_m) * slope)
-    x_m = edge.x_m - slope * down_m
-    angle_sigma = np.sqrt(upper.covariance[1, 1]) / upper.length_m  # the face turns with the plate
-    variance = edge.sigma_m**2 + lower.variance_at(x_m) + (down_m * angle_sigma) ** 2
-    return Corner(x_m=float(x_m), z_m=lower.z_at(x_m), sigma_m=float(np.sqrt(variance)))
 
 
 def _share(section: Section, model: list[tuple[Curve, float, float]]) -> float:

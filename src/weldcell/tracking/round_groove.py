@@ -16,16 +16,19 @@ from jaxtyping import Float
 from weldcell.tracking.candidates import (
     MOST_SIGMA_M,
     PLATE_LENGTH_M,
+    as_deep,
     best_of,
     is_near,
     is_plate_pair,
     mirrored,
     near_words,
 )
-from weldcell.tracking.curves import Curve, curve_end, fit_curve, line_curve
+from weldcell.tracking.curve_end import curve_end
+from weldcell.tracking.curves import Curve, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.groove_drawing import Drawing, fit_drawing
 from weldcell.tracking.pieces import Piece, straight_pieces
+from weldcell.tracking.plates_frame import PlatesFrame, plates_frame
 from weldcell.tracking.section import Corner, Section
 
 U_NAMES = ("left", "centre", "right")
@@ -45,6 +48,7 @@ _EDGES_APART_M = 3e-4
 _LEAST_NATS = 10.0
 _LOPSIDED_SHARE = 0.1
 _FEWEST_BETWEEN = 15
+_MOST_RISEN_M = 1.5e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,17 +63,21 @@ class _Opening:
         return (self.right.end_m + self.left.start_m) / 2
 
 
-def find_u(section: Section, previous_x_m: float | None = None) -> Found:
-    """The U groove's left edge, the middle of its bottom, and its right edge."""
-    return _find(section, previous_x_m, "U groove", _u_groove)
+def find_u(section: Section, previous_x_m: float | None = None, *, previous_depth_m: float | None = None) -> Found:
+    """The U groove's left edge, the middle of its bottom, and its right edge.
+
+    A groove that has become much shallower than the last frame's is filled, as by a tack weld, and refused.
+    """
+    return as_deep(_find(section, previous_x_m, "U groove", _u_groove), "U groove", previous_depth_m, _MOST_RISEN_M)
 
 
-def find_j(section: Section, previous_x_m: float | None = None) -> Found:
+def find_j(section: Section, previous_x_m: float | None = None, *, previous_depth_m: float | None = None) -> Found:
     """The J groove's left edge, root and right edge, whichever plate has the J.
 
-    The root is at the depth of the circle's bottom, midway between the circle's end and the other plate's square face.
+    The root is midway between the circle's end, at the depth of its bottom, and the other plate's square face; with a
+    mismatch it is midway between both root edges in height as well. What is filled is refused as in a U.
     """
-    return _find(section, previous_x_m, "J groove", _j_groove)
+    return as_deep(_find(section, previous_x_m, "J groove", _j_groove), "J groove", previous_depth_m, _MOST_RISEN_M)
 
 
 def _find(
@@ -131,50 +139,16 @@ def _plate(section: Section, piece: Piece, edge_m: float) -> Curve | None:
     return curve
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Frame:
-    """The plates' frame: s along them, d into the depth, from a point on the level of both."""
-
-    origin: Float[np.ndarray, "2"]
-    angle_rad: float
-
-    @property
-    def axes(self) -> Float[np.ndarray, "2 2"]:
-        """Rows: the directions of s and d in the section."""
-        cos, sin = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        return np.array([[cos, sin], [-sin, cos]])
-
-    def of(self, section: Section) -> Section:
-        """The section in this frame; its points need not be sorted any more."""
-        points = (np.stack([section.x_m, section.z_m]).T - self.origin) @ self.axes.T
-        noise = np.stack([section.noise_slope, np.ones(len(section.x_m))]).T @ self.axes.T
-        return Section(
-            x_m=points[:, 0],
-            z_m=points[:, 1],
-            sigma_m=section.sigma_m * np.abs(noise[:, 1]),
-            noise_slope=noise[:, 0] / noise[:, 1],
-        )
-
-    def corner(self, s_m: float, d_m: float, sigma_m: float) -> Corner:
-        """A point of this frame as a corner of the section."""
-        x_m, z_m = self.origin + np.array([s_m, d_m]) @ self.axes
-        return Corner(x_m=float(x_m), z_m=float(z_m), sigma_m=sigma_m)
-
-
-def _frame(plates: tuple[Curve, Curve], right_m: float, left_m: float) -> _Frame:
-    angle = (plates[0].angle_at(right_m) + plates[1].angle_at(left_m)) / 2
-    ends = np.array([[right_m, plates[0].z_at(right_m)], [left_m, plates[1].z_at(left_m)]])
-    return _Frame(origin=ends.mean(axis=0), angle_rad=angle)
-
-
 def _u_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float) -> Found:
     right_m, left_m = opening.right.end_m, opening.left.start_m
-    frame = _frame(plates, right_m, left_m)
+    frame = plates_frame(plates, right_m, left_m)
     inside = (section.x_m > right_m - _GUARD_M) & (section.x_m < left_m + _GUARD_M)
     part = frame.of(section.only(inside))
     below = part.z_m > _GUARD_M  # the plates' ends are known already
     s = (np.array([[right_m, plates[0].z_at(right_m)], [left_m, plates[1].z_at(left_m)]]) - frame.origin) @ frame.axes.T
-    fitted = fit_drawing(part.only(below), float(s[0, 0]), float(s[1, 0]), sides=(True, True))
+    fitted = fit_drawing(
+        part.only(below), float(s[0, 0]), float(s[1, 0]), sides=(True, True), higher_m=float(s[0, 1] - s[1, 1])
+    )
     if isinstance(fitted, str):
         return Found(reason=f"no U groove: {fitted}")
     right = _edge(section, frame, plates[0], fitted, -1, right_m)
@@ -202,7 +176,9 @@ def _u_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], 
     )
 
 
-def _edge(section: Section, frame: _Frame, plate: Curve, drawing: Drawing, side: int, end_m: float) -> Corner | None:
+def _edge(
+    section: Section, frame: PlatesFrame, plate: Curve, drawing: Drawing, side: int, end_m: float
+) -> Corner | None:
     """Where the wall of one side (1: larger s) crosses its plate; None if that is not where the plate ends.
 
     If too little of the wall is seen, the plate's end alone.
@@ -221,12 +197,19 @@ def _edge(section: Section, frame: _Frame, plate: Curve, drawing: Drawing, side:
     if end is None or end.nats < _LEAST_NATS:
         return crossed if sure and abs(crossed.x_m - end_m) <= _EDGE_SLACK_M else None
     if not sure:
-        return end.corner
+        return _in_the_dark(section, end.corner, -side)
     apart_m = abs(crossed.x_m - end.corner.x_m)
     return crossed if apart_m <= max(_EDGES_APART_M, 4 * end.corner.sigma_m) else None
 
 
-def _plate_depth(frame: _Frame, plate: Curve, s_m: float) -> float:
+def _in_the_dark(section: Section, end: Corner, towards: int) -> Corner:
+    """A plate's end with no wall beside it: the edge may lie anywhere up to the next column that is seen."""
+    beyond_m = towards * (section.x_m - end.x_m)
+    dark_m = float(beyond_m[beyond_m > 0].min(initial=np.inf))
+    return replace(end, sigma_m=float(np.hypot(end.sigma_m, dark_m / np.sqrt(12))))
+
+
+def _plate_depth(frame: PlatesFrame, plate: Curve, s_m: float) -> float:
     """d of the plate at s."""
     d_m = 0.0
     for _ in range(3):
@@ -265,7 +248,7 @@ def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curv
     end = curve_end(section, plates[0], right_m - _BESIDE_M, right_m + _BESIDE_M)
     if end is None:
         return Found(reason="no J groove: its square edge has no end")
-    frame = _Frame(origin=np.array([end.corner.x_m, end.corner.z_m]), angle_rad=plates[0].angle_at(end.corner.x_m))
+    frame = PlatesFrame(origin=np.array([end.corner.x_m, end.corner.z_m]), angle_rad=plates[0].angle_at(end.corner.x_m))
     inside = (section.x_m > right_m - 10 * _GUARD_M - _BESIDE_M) & (section.x_m < left_m + _GUARD_M)
     part = frame.of(section.only(inside))
     edge_s = float(((np.array([left_m, plates[1].z_at(left_m)]) - frame.origin) @ frame.axes.T)[0])
@@ -281,7 +264,8 @@ def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curv
     # The circle's place does not depend on the edge that the frame starts from; the root is midway between both.
     face_variance = end.corner.sigma_m**2 + (fitted.depth_m * angle_sigma) ** 2
     variance = (fitted.covariance[0, 0] + face_variance) / 4 + fitted.covariance[1, 1]
-    root = frame.corner(gap_m / 2, fitted.depth_m, float(np.sqrt(variance)))
+    higher_m = float(-_plate_depth(frame, plates[1], edge_s))  # the plate with the J, and so its root edge
+    root = frame.corner(gap_m / 2, fitted.depth_m + higher_m / 2, float(np.sqrt(variance)))
     corners = (left, root, end.corner)
     worst = max(corner.sigma_m for corner in corners)
     if worst > MOST_SIGMA_M:
@@ -291,7 +275,7 @@ def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curv
         "bevel_angle_rad": float(np.arctan(fitted.walls[1])),
         "gap_m": gap_m,
         "depth_m": fitted.depth_m,
-        "mismatch_m": float(-_plate_depth(frame, plates[1], edge_s)),
+        "mismatch_m": higher_m,
     }
     support = min(plates[0].count, plates[1].count, fitted.count)
     return Found(

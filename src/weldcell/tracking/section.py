@@ -27,6 +27,8 @@ class Section:
     """Standard deviation along z."""
     noise_slope: Float[np.ndarray, "n"]
     """dx/dz of a point's noise: a stripe centre moves along the picture's column, not quite along z."""
+    amplitude_grey: Float[np.ndarray, "n"]
+    """Height of the stripe there, grey levels; NaN where nobody measured it."""
 
     def only(self, keep: Bool[np.ndarray, "n"] | Int[np.ndarray, "k"]) -> "Section":
         """The section of these points."""
@@ -35,6 +37,7 @@ class Section:
             z_m=self.z_m[keep],
             sigma_m=self.sigma_m[keep],
             noise_slope=self.noise_slope[keep],
+            amplitude_grey=self.amplitude_grey[keep],
         )
 
 
@@ -42,15 +45,19 @@ def section_of(profile: Profile, plane: LaserPlane) -> Section:
     """The profile's valid points in the frame of the light plane."""
     points_laser = plane.T_camera_laser.inv().apply(profile.points_camera[profile.valid])
     if not len(points_laser):
-        return Section(x_m=np.zeros(0), z_m=np.zeros(0), sigma_m=np.zeros(0), noise_slope=np.zeros(0))
+        none = np.zeros(0)
+        return Section(x_m=none, z_m=none, sigma_m=none, noise_slope=none, amplitude_grey=none)
     x_m, z_m, noise_slope = points_laser[:, 0], points_laser[:, 2], noise_slopes(points_laser, plane)
     level_m = np.median(z_m)  # where the columns' rays cross this depth, they are in order
     order = np.argsort(x_m - noise_slope * (z_m - level_m), kind="stable")
+    amplitude = profile.amplitude_grey
+    amplitude_grey = np.full(len(x_m), np.nan) if amplitude is None else amplitude[profile.valid]
     return Section(
         x_m=x_m[order],
         z_m=z_m[order],
         sigma_m=np.maximum(profile.sigma_m[profile.valid][order], _LEAST_SIGMA_M),
         noise_slope=noise_slope[order],
+        amplitude_grey=amplitude_grey[order],
     )
 
 

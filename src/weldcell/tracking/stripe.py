@@ -10,6 +10,7 @@ from weldcell.cell.errors import BadInput
 from weldcell.cell.profile import Stripe
 from weldcell.tracking.stripe_centre import measure
 from weldcell.tracking.stripe_search import CELL_COLUMNS, search
+from weldcell.tracking.stripe_steps import parted_at_steps
 
 Along = Literal["rows", "columns"]
 """What the stripe of a flat surface runs along."""
@@ -30,12 +31,12 @@ def find_stripe(
     grey = _prepared(image, along)
     rough = search(grey)
     if rough is None:
-        return Stripe(u_px=np.zeros(0), v_px=np.zeros(0), sigma_px=np.zeros(0))
-    centres = measure(grey, rough, speckle_contrast=speckle_contrast)
+        return Stripe(u_px=np.zeros(0), v_px=np.zeros(0), sigma_px=np.zeros(0), amplitude_grey=np.zeros(0))
+    centres = measure(grey, parted_at_steps(grey, rough), speckle_contrast=speckle_contrast)
     keep = centres.columns < image.shape[1 if along == "rows" else 0]
     along_px, across_px = centres.columns[keep].astype(float), centres.v_px[keep]
     u_px, v_px = (along_px, across_px) if along == "rows" else (across_px, along_px)
-    return Stripe(u_px=u_px, v_px=v_px, sigma_px=centres.sigma_px[keep])
+    return Stripe(u_px=u_px, v_px=v_px, sigma_px=centres.sigma_px[keep], amplitude_grey=centres.amplitude_grey[keep])
 
 
 def _prepared(image: np.ndarray, along: Along) -> Shaped[np.ndarray, "height width"]:

@@ -9,9 +9,14 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Shaped
 
+from weldcell.tracking.stripe_faint import REACH_PX, with_faint_cells
+
 CELL_ROWS, CELL_COLUMNS = 4, 2
 _SIDE_CELLS = (2, 3, 4)  # sides 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
 _SEARCH_SNR = 6.0  # the largest of 200 000 noise values reaches 4.5 of its own sigma
+_FAINT_SNR = 2.0  # beside what is seen
+_CLEAR_SHARE = 0.95  # of cell columns that show the stripe: then nothing faint is looked for
+_TOGETHER_CELLS, _TOGETHER_SNR = 5, 1.5  # noise less a brighter side is negative, so that hardly any of it is left
 _ROUNDING = 1.0  # two averages, each rounded to a level
 _REACH_CELLS = 4  # a stripe's light is looked for in so many cells to either side
 _BACKGROUND_CELLS = (5, 6)  # 20 and 24 px off
@@ -74,13 +79,31 @@ def search(image: Shaped[np.ndarray, "height width"]) -> RoughStripe | None:
         return None
     cores = _mean(cells[:-1], cells[1:])
     response = cv2.subtract(cores, _brightest_side(cores))
-    threshold = _ROUNDING + _SEARCH_SNR / np.sqrt(2) * cell_noise(cells)
+    noise = cell_noise(cells) / np.sqrt(2)
+    threshold = _ROUNDING + _SEARCH_SNR * noise
     cell_rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
     if np.abs(np.diff(cell_rows)).max(initial=0) > _STEP_CELLS:
         cell_rows = _without_spatter(response, cell_rows, threshold)
-    height = _at(response, cell_rows)
-    found = np.flatnonzero(height > threshold)
+    seen = _at(response, cell_rows) > threshold
+    if np.count_nonzero(seen) < _CLEAR_SHARE * len(seen):
+        cell_rows, seen = _with_joint_light(response, cell_rows, seen, _ROUNDING + _TOGETHER_SNR * noise)
+        faintest, reach = _ROUNDING + _FAINT_SNR * noise, REACH_PX // CELL_COLUMNS
+        cell_rows, seen = with_faint_cells(response, cell_rows, seen, faintest, reach)
+    found = np.flatnonzero(seen)
     return _measured(cells, cell_rows[found], found) if len(found) else None
+
+
+def _with_joint_light(
+    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], seen: Bool[np.ndarray, "k"], threshold: float
+) -> tuple[Int[np.ndarray, "k"], Bool[np.ndarray, "k"]]:
+    """Rows and which cell columns are seen, with light that stands out of five cell columns, but of none of them alone.
+
+    The mean of five is as steep as a stripe may be that stays in a core, 8 px high, over 10 px.
+    """
+    together = cv2.blur(response, (_TOGETHER_CELLS, 1))
+    brightest = cv2.transpose(together).argmax(axis=1)
+    added = ~seen & (_at(together, brightest) > threshold)
+    return np.where(added, brightest, rows), seen | added
 
 
 def _brightest_side(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows k"]:

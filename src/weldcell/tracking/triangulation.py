@@ -35,6 +35,7 @@ def triangulate(
         sigma_m=np.where(valid, sigma_m, np.nan),
         valid=valid,
         reason=_reason(valid, depth_range_m),
+        amplitude_grey=stripe.amplitude_grey,
     )
 
 

@@ -11,15 +11,17 @@ from weldcell.tracking.candidates import (
     GATE_M,
     MOST_SIGMA_M,
     PLATE_LENGTH_M,
+    as_deep,
     best_of,
     mismatch_m,
     near_words,
     on_model,
 )
-from weldcell.tracking.curves import Curve, curve_end, curves_cross, fit_curve, line_curve
+from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.pieces import Piece, straight_pieces
 from weldcell.tracking.section import Corner, Section
+from weldcell.tracking.v_root import open_root, stepped_root
 
 V_NAMES = ("left", "root", "right")
 _FEWEST_POINTS = 30
@@ -37,7 +39,8 @@ _PLATE_DEGREE = 3
 _FEWEST_ON_LINE = 6
 _LEAST_INLIER_SHARE = 0.4
 _LEAST_GROOVE_SHARE = 0.5
-_WALL_SHARE = 0.3  # from here down a wall tells what strays are usual on it
+_MOST_RISEN_M = 7e-4
+_LEAST_MISMATCH_M = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +61,19 @@ OUTSIDE_CORNER = VShape(name="corner joint", roof_rad=(np.deg2rad(40), np.deg2ra
 """Two plates that fall away on both sides, with an open V between their edges."""
 
 
-def find_v(section: Section, previous_x_m: float | None = None, *, shape: VShape = V) -> Found:
+def find_v(
+    section: Section,
+    previous_x_m: float | None = None,
+    *,
+    shape: VShape = V,
+    previous_depth_m: float | None = None,
+) -> Found:
     """The groove's left edge, root and right edge.
 
-    The root is where the walls cross, seen or not; with a root gap the middle between their lower ends.
+    The root is where the walls cross, seen or not; with a root gap the middle between their lower ends. With a mismatch
+    it is midway between the members' root edges, one of which stands higher.
     With `previous_x_m` (x of the last root) only grooves with their root within 15 mm of it count.
+    A gap that has risen above the last frame's depth is filled, as by a tack weld, and refused.
     """
     if len(section.x_m) < _FEWEST_POINTS:
         return Found(reason=f"{len(section.x_m)} points are too few for a {shape.name} (at least {_FEWEST_POINTS})")
@@ -71,7 +82,7 @@ def find_v(section: Section, previous_x_m: float | None = None, *, shape: VShape
         pieces = straight_pieces(section, steepest=steepest, neighbours=neighbours)
         best = _best_four(section, pieces, previous_x_m, shape)
         if best is not None:
-            return _refined(section, best[0], shape, best[1])
+            return as_deep(_refined(section, best[0], shape, best[1]), shape.name, previous_depth_m, _MOST_RISEN_M)
     return Found(reason=f"no {shape.name}{near_words(previous_x_m)}: of {len(pieces)} straight pieces no four form one")
 
 
@@ -182,8 +193,15 @@ def _refined(section: Section, four: tuple[Piece, ...], shape: VShape, margin: f
         return Found(reason=f"no {shape.name}: most points between its edges lie off its walls")
     measures = _measures(curves, corners)
     if shape.gapped:
-        root, measures["gap_m"] = _open_root(section, curves[1], curves[2], corners)
-        corners = (corners[0], root, corners[2])
+        root = open_root(section, curves, corners)
+        measures["gap_m"] = 0.0 if root is None else root.gap_m
+        if root is not None:
+            if root.filled:
+                return Found(reason=f"no {shape.name}: something stands in its gap, such as a tack weld")
+            corners = (corners[0], root.corner, corners[2])
+            measures["depth_m"] = root.depth_m
+    elif shape is V and abs(measures["mismatch_m"]) > _LEAST_MISMATCH_M:
+        corners = (corners[0], stepped_root(section, curves, corners[1], measures["mismatch_m"]), corners[2])
     worst = max(corner.sigma_m for corner in corners)
     if worst > MOST_SIGMA_M:
         return Found(reason=f"{shape.name} too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
@@ -200,26 +218,6 @@ def _measures(curves: Sequence[Curve], corners: Sequence[Corner]) -> dict[str, f
         "width_m": float(np.hypot(last.x_m - first.x_m, last.z_m - first.z_m)),
         "mismatch_m": mismatch_m(curves[0], first, curves[3], last),
     }
-
-
-def _open_root(
-    section: Section, left_wall: Curve, right_wall: Curve, corners: Sequence[Corner]
-) -> tuple[Corner, float]:
-    """The middle between the walls' lower ends, and their distance; where they cross if too little of them is seen."""
-    first, crossed, last = corners
-    ends = [
-        curve_end(section, wall, edge.x_m + _WALL_SHARE * (crossed.x_m - edge.x_m), crossed.x_m)
-        for wall, edge in ((left_wall, first), (right_wall, last))
-    ]
-    if ends[0] is None or ends[1] is None:
-        return crossed, 0.0
-    low, high = ends[0].corner, ends[1].corner
-    middle = Corner(
-        x_m=(low.x_m + high.x_m) / 2,
-        z_m=(low.z_m + high.z_m) / 2,
-        sigma_m=float(np.hypot(low.sigma_m, high.sigma_m)) / 2,
-    )
-    return middle, float(np.hypot(high.x_m - low.x_m, high.z_m - low.z_m))
 
 
 def _explained_share(

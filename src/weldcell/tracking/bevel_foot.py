@@ -1,0 +1,134 @@
+"""Where a single bevel ends below the square edge of the other plate: its root and its gap.
+
+The camera looks along the seam, past the square edge behind the light. Where the seam bends by a radius R towards the
+bevel, that edge hides d^2 / 2R of what lies a depth d below it, and what is hidden looks like a gap. Depth tells them
+apart: the bevel's end stays as deep below the square plate as it was in the frames before, and a bevel that seems to
+end higher goes on behind the edge.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from weldcell.tracking.curves import Curve
+from weldcell.tracking.section import Corner, Section
+
+_HIDDEN_M, _HIDDEN_SIGMAS = 1e-4, 3.0  # a bevel that ends this much higher than it did goes on behind the edge
+_DEPTH_GAIN, _MOST_RISE_M = 0.2, 1e-5  # of the depth kept, a frame: what hides the end must not wear it away
+_TIGHTEST_BEND_M = 0.1
+_DOUBT_SHARE = 0.35  # of a gap that a bend may feign: half the way between both roots that it leaves open
+_SHADOW_SPACINGS = 3.0  # a bevel that is seen up to the square edge's shadow has no gap to be seen
+_FEW_STRAYS = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foot:
+    """The lower end of the groove."""
+
+    root: Corner
+    edge: Corner
+    """The square edge, which the foot tells something of if there is no gap."""
+    gap_m: float
+    depth_m: float
+    """Of the bevel's end below the square plate."""
+    kept_depth_m: float | None
+    """The depth to go by in the next frame; None where this one does not tell."""
+
+
+def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end: Corner, kept_m: float | None) -> Foot:
+    """The foot, from the square edge and the bevel's end, with the depth kept from frames before."""
+    lean = square.slope_at(edge.x_m)
+    along = np.array([1.0, lean]) / np.hypot(1.0, lean)  # the square plate
+    meeting = _on_face(square, bevel, edge)
+    seen_m, deepest_m = (_depth(along, edge, one) for one in (end, meeting))
+    tolerance_m = max(_HIDDEN_M, _HIDDEN_SIGMAS * end.sigma_m)
+    if _ends_in_shadow(section, edge, end, meeting):
+        edge = _edge_by_foot(section, square, edge, end, meeting)
+        meeting = _on_face(square, bevel, edge)
+        deepest_m = _depth(along, edge, meeting)
+        return Foot(
+            root=meeting, edge=edge, gap_m=0.0, depth_m=deepest_m, kept_depth_m=_kept(deepest_m, kept_m, tolerance_m)
+        )
+    depth_m = seen_m
+    if kept_m is not None and kept_m > seen_m + tolerance_m and not _is_seen(section, end.x_m, edge.x_m):
+        depth_m = kept_m
+        end = _at_depth(bevel, end, along, depth_m - seen_m)
+    gap_m = float(along @ [edge.x_m - end.x_m, edge.z_m - end.z_m])
+    if depth_m > deepest_m - tolerance_m or gap_m <= 0:
+        return Foot(root=meeting, edge=edge, gap_m=0.0, depth_m=deepest_m, kept_depth_m=kept_m)
+    # The gap's ends are independent; the middle moves by half of each.
+    sigma_m = 0.5 * float(np.hypot(end.sigma_m, edge.sigma_m))
+    doubtful = kept_m is None and gap_m < depth_m**2 / (2 * _TIGHTEST_BEND_M)
+    if doubtful:
+        sigma_m = float(np.hypot(sigma_m, _DOUBT_SHARE * gap_m))
+    elif depth_m == seen_m:
+        kept_m = _kept(seen_m, kept_m, tolerance_m)
+    x_m, z_m = np.array([end.x_m, end.z_m]) + gap_m / 2 * along
+    root = Corner(x_m=float(x_m), z_m=float(z_m), sigma_m=sigma_m)
+    return Foot(root=root, edge=edge, gap_m=gap_m, depth_m=depth_m, kept_depth_m=kept_m)
+
+
+def _depth(along: Float[np.ndarray, "2"], edge: Corner, corner: Corner) -> float:
+    """Depth of a corner below the square plate, which runs `along` through its edge."""
+    return float(np.array([-along[1], along[0]]) @ [corner.x_m - edge.x_m, corner.z_m - edge.z_m])
+
+
+def _is_seen(section: Section, low_m: float, high_m: float) -> bool:
+    """Whether anything but a stray is seen between two ends, clear of these."""
+    clear_m = _SHADOW_SPACINGS * float(np.median(np.diff(section.x_m)))
+    return int(np.sum((section.x_m > low_m + clear_m) & (section.x_m < high_m - clear_m))) > _FEW_STRAYS
+
+
+def _at_depth(bevel: Curve, end: Corner, direction: Float[np.ndarray, "2"], deeper_m: float) -> Corner:
+    """The bevel's end this much deeper below the plate along `direction`."""
+    slope = bevel.slope_at(end.x_m)
+    step_m = deeper_m / float(np.array([-direction[1], direction[0]]) @ [1.0, slope])
+    return replace(end, x_m=end.x_m + step_m, z_m=end.z_m + slope * step_m)
+
+
+def _kept(depth_m: float, kept_m: float | None, tolerance_m: float) -> float:
+    """The depth to go by in the next frame."""
+    if kept_m is None or abs(depth_m - kept_m) > tolerance_m:
+        return depth_m
+    return kept_m + max(_DEPTH_GAIN * (depth_m - kept_m), -_MOST_RISE_M)
+
+
+def _ends_in_shadow(section: Section, edge: Corner, end: Corner, meeting: Corner) -> bool:
+    """Whether the bevel is seen as far as the square edge and its face let it."""
+    spacing_m = float(np.median(np.diff(section.x_m)))
+    return _farthest_seen_m(section, edge, end, meeting) - end.x_m <= _SHADOW_SPACINGS * spacing_m
+
+
+def _farthest_seen_m(section: Section, edge: Corner, end: Corner, meeting: Corner) -> float:
+    """x up to which a bevel that goes on to the face is seen.
+
+    The square edge keeps the light, which goes along z, from what has a larger x, and takes the columns of what lies
+    along the camera's rays below it.
+    """
+    at = min(int(np.searchsorted(section.x_m, edge.x_m)), len(section.x_m) - 1)
+    ray_m = edge.x_m + float(section.noise_slope[at]) * (end.z_m - edge.z_m)
+    return min(edge.x_m, ray_m, meeting.x_m)
+
+
+def _edge_by_foot(section: Section, square: Curve, edge: Corner, end: Corner, meeting: Corner) -> Corner:
+    """The square edge by both ends that it makes, its own plate's and the bevel's, weighted by their variances.
+
+    What shifts where light ends (blur, dark columns) shifts them in opposite directions.
+    """
+    missed_m = end.x_m - _farthest_seen_m(section, edge, end, meeting)
+    weight = edge.sigma_m**2 / max(edge.sigma_m**2 + end.sigma_m**2, 1e-18)
+    x_m = edge.x_m + weight * missed_m
+    return Corner(x_m=x_m, z_m=square.z_at(x_m), sigma_m=float(edge.sigma_m * np.sqrt(1 - weight)))
+
+
+def _on_face(square: Curve, bevel: Curve, edge: Corner) -> Corner:
+    """Where the bevel meets the square face, which goes down at right angles to its plate."""
+    lean = square.slope_at(edge.x_m)
+    slope = bevel.slope_at(edge.x_m)
+    down_m = (bevel.z_at(edge.x_m) - edge.z_m) / (1 + slope * lean)
+    x_m = edge.x_m - lean * down_m
+    shift = (1 + slope**2) / (1 + slope * lean) ** 2  # along the bevel, for each of the edge along the plate
+    turn_m = down_m * np.sqrt(square.covariance[1, 1]) / square.length_m
+    variance = shift * (edge.sigma_m**2 + turn_m**2) + bevel.variance_at(x_m)
+    return Corner(x_m=float(x_m), z_m=bevel.z_at(x_m), sigma_m=float(np.sqrt(variance)))

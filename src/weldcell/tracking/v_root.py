@@ -1,0 +1,109 @@
+"""The root of a V-groove where the crossing of its walls is not it: with a gap, or with members of different height."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from weldcell.tracking.curve_end import curve_end
+from weldcell.tracking.curves import Curve
+from weldcell.tracking.section import Corner, Section
+
+_DEEPER_M = 3e-4
+_FILLED_SHARE, _FEWEST_FILLING = 0.5, 6
+_FEWEST_TELLING = 2
+_ALIKE_M, _ALIKE_SIGMAS = 1.5e-4, 4.0
+_WALL_SHARE = 0.3  # from here down a wall tells what strays are usual on it
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenRoot:
+    """The root of a groove with a gap."""
+
+    corner: Corner
+    """The middle between the walls' lower ends."""
+    gap_m: float
+    """Their distance."""
+    depth_m: float
+    """How deep they lie below their own edges."""
+    filled: bool
+    """Whether something fills the gap."""
+
+
+def open_root(section: Section, curves: Sequence[Curve], corners: Sequence[Corner]) -> OpenRoot | None:
+    """The root of a groove with a gap, from its four curves and their crossings; None if too little of it is seen."""
+    (first, crossed, last), walls = corners, (curves[1], curves[2])
+    found = [
+        curve_end(section, wall, edge.x_m + _WALL_SHARE * (crossed.x_m - edge.x_m), crossed.x_m)
+        for wall, edge in zip(walls, (first, last), strict=True)
+    ]
+    if found[0] is None or found[1] is None:
+        return None
+    tilt_rad = (curves[0].angle_at(first.x_m) + curves[3].angle_at(last.x_m)) / 2
+    down = np.array([-np.sin(tilt_rad), np.cos(tilt_rad)])
+    depth_m, variance = _depth((first, last), (found[0].corner, found[1].corner), down)
+    low, high = (_at_depth(wall, edge, depth_m, down) for wall, edge in zip(walls, (first, last), strict=True))
+    sigma_m = float(np.sqrt(variance + (low.sigma_m**2 + high.sigma_m**2) / 4))
+    middle = Corner(x_m=(low.x_m + high.x_m) / 2, z_m=(low.z_m + high.z_m) / 2, sigma_m=sigma_m)
+    return OpenRoot(
+        corner=middle,
+        gap_m=float(np.hypot(high.x_m - low.x_m, high.z_m - low.z_m)),
+        depth_m=depth_m,
+        filled=_is_filled(section, low, high),
+    )
+
+
+def stepped_root(section: Section, curves: Sequence[Curve], crossed: Corner, mismatch_m: float) -> Corner:
+    """Midway between both root edges of a groove without gap, whose left member (larger x) stands higher.
+
+    The root edges lie equally deep in their members, so the left one m above the right one, and without gap above each
+    other. From the walls' crossing at depth 0, with s = dx/dz of the walls: s_left (d - m) = s_right d. Plates of
+    different thickness whose walls do meet have no such step: there the points go on to the crossing, and it is the root.
+    """
+    right, left = (1 / curve.slope_at(crossed.x_m) for curve in (curves[1], curves[2]))
+    right_depth_m = left * mismatch_m / (left - right)
+    x_m, z_m = crossed.x_m + right * right_depth_m, crossed.z_m + right_depth_m - mismatch_m / 2
+    if _goes_on(section, curves[1], curves[2], crossed.x_m, float(x_m)):
+        return crossed
+    return Corner(x_m=float(x_m), z_m=float(z_m), sigma_m=crossed.sigma_m)
+
+
+def _goes_on(section: Section, right_wall: Curve, left_wall: Curve, crossed_x_m: float, step_x_m: float) -> bool:
+    """Whether the points between a step and the walls' crossing lie on the wall that would end at the step."""
+    between = (section.x_m > min(crossed_x_m, step_x_m)) & (section.x_m < max(crossed_x_m, step_x_m))
+    ending, other = (left_wall, right_wall) if crossed_x_m < step_x_m else (right_wall, left_wall)
+    x_m, z_m = section.x_m[between], section.z_m[between]
+    if len(x_m) < _FEWEST_TELLING:
+        return False
+    return bool(np.median(np.abs(z_m - ending.z_of(x_m))) < np.median(np.abs(z_m - other.z_of(x_m))))
+
+
+def _is_filled(section: Section, low: Corner, high: Corner) -> bool:
+    """Whether most columns between two ends show something that is no deeper than these."""
+    inside = (section.x_m > low.x_m) & (section.x_m < high.x_m)
+    level_m = np.interp(section.x_m[inside], [low.x_m, high.x_m], [low.z_m, high.z_m])
+    columns = (high.x_m - low.x_m) / float(np.median(np.diff(section.x_m)))
+    return bool(np.sum(section.z_m[inside] < level_m + _DEEPER_M) > max(_FILLED_SHARE * columns, _FEWEST_FILLING))
+
+
+def _depth(
+    edges: tuple[Corner, Corner], ends: tuple[Corner, Corner], down: Float[np.ndarray, "2"]
+) -> tuple[float, float]:
+    """How deep both walls end below their own edges, along `down`, and its variance.
+
+    Root faces are alike, so both ends are equally deep, whatever the mismatch. An end that is clearly shallower than
+    the other one is hidden.
+    """
+    depth_m = np.array([down @ [e.x_m - f.x_m, e.z_m - f.z_m] for e, f in zip(ends, edges, strict=True)])
+    variance = np.square([max(end.sigma_m, 1e-9) for end in ends])
+    if np.ptp(depth_m) > max(_ALIKE_M, _ALIKE_SIGMAS * float(np.sqrt(variance.sum()))):
+        deeper = int(depth_m.argmax())
+        return float(depth_m[deeper]), float(variance[deeper])
+    return float(np.sum(depth_m / variance) / np.sum(1 / variance)), float(1 / np.sum(1 / variance))
+
+
+def _at_depth(wall: Curve, edge: Corner, depth_m: float, down: Float[np.ndarray, "2"]) -> Corner:
+    """Where a wall is this deep below its edge."""
+    x_m = edge.x_m + depth_m / float(down @ [1.0, wall.slope_at(edge.x_m)])
+    return Corner(x_m=x_m, z_m=wall.z_at(x_m), sigma_m=float(np.sqrt(wall.variance_at(x_m))))
