@@ -20,6 +20,9 @@ STAGE = "weld"
 _MARGIN_M = 0.012  # at the seam's ends: there the light may miss a slanting part's corners
 _FORGET_AFTER = 5  # pictures without the joint, after which it may be anywhere
 _NEWTON_STEPS = 4
+# What the arm errs by on its way, after calibration, and over what distance it errs alike. Pictures closer together
+# than that share an error: taken as independent, many of them would outvote what the tracker knows of misplacement.
+_ARM_SIGMA_M, _ARM_ALIKE_M = 2.5e-5, 5e-3
 
 
 class Lookout:
@@ -28,6 +31,8 @@ class Lookout:
     def __init__(self, station: Station, path: TorchPath, alignment: Alignment, config: WeldConfig) -> None:
         self._station, self._path, self._alignment, self._config = station, path, alignment, config
         self._kind = joint_kind(station)
+        spacing_m = 1e-3 * config.speed_mm_s / config.frame_hz
+        self._arm_sigma_m = _ARM_SIGMA_M * np.sqrt(max(1.0, _ARM_ALIKE_M / spacing_m))
         self._previous: JointFeatures | None = None
         self._missed = 0
         self._due_s = station.time_s
@@ -100,7 +105,7 @@ class Lookout:
             arc_length_m=crossing_m,
             arc_s=arc_s,
             point_base=T_base_camera.apply(points_camera).mean(axis=0),
-            sigma_m=float(np.sqrt(np.mean(joint.sigma_m[rows] ** 2) / len(rows))),
+            sigma_m=float(np.hypot(np.sqrt(np.mean(joint.sigma_m[rows] ** 2) / len(rows)), self._arm_sigma_m)),
             confidence=float(joint.confidence[rows].min()),
             gap_m=joint.measures.get("gap_m"),
         )
