@@ -1,6 +1,6 @@
 """A seam scanned along its taught path, fitted, and compared with the exact one: sensor alone, and torch."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,15 +11,11 @@ from weldcell.cell.profile import JointFeatures
 from weldcell.cell.randomness import generator
 from weldcell.cell.seam import Seam, distance_to_polyline
 from weldcell.scenarios.alignment import Alignment
-from weldcell.scenarios.scanning import ScanPath, scan
+from weldcell.scenarios.scanning import ScanPath, first_carried, scan
+from weldcell.scenarios.seam_view import view_paths
 from weldcell.scenarios.station import Station
-from weldcell.scenarios.torch_poses import torch_rotations
 from weldcell.tracking.joint import JOINT_KINDS, find_joint
 from weldcell.tracking.seam_fit import fit_seam
-
-_TIP_ABOVE_M = 0.020  # the joint's highest feature: clear of it, with its root within the range
-_MIDDLE = "middle"
-_END_MARGIN_M = 0.012  # at the ends the section, square to the slanting path, would miss the plate's corners
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,10 +39,13 @@ class TrackedSeam:
     """The fitted seam in the base, sampled at the frames."""
 
 
-def track_seam(station: Station, alignment: Alignment) -> TrackedSeam:
-    """Scans the plate and fits its seam; raises JobFailed if the seam was not found."""
+def track_seam(station: Station, alignment: Alignment, misplacement: RigidTransform | None = None) -> TrackedSeam:
+    """Scans the plate, which is off by so much (drawn unless given), and fits its seam.
+
+    Raises JobFailed if the seam was not found.
+    """
     station.begin("seam", "Seam")
-    station.place_plate()
+    station.place_plate(misplacement)
     frames, times_s, joints_rad, T_base_flange, cameras, found = [], [], [], [], [], []
     previous: JointFeatures | None = None
     kind = joint_kind(station)
@@ -90,29 +89,8 @@ def joint_kind(station: Station) -> str:
 
 
 def taught_path(station: Station) -> ScanPath:
-    """Along the seam as drawn, on the part as the controller was told it lies, the wire against the approach."""
-    config, part = station.config.seam, station.parts.plate
-    drawn = part.seam_part
-    assert drawn is not None
-    arc_length_m = np.linspace(
-        drawn.arc_length_m[0] + _END_MARGIN_M, drawn.arc_length_m[-1] - _END_MARGIN_M, config.frames
-    )
-    drawn = replace(drawn, points={**drawn.points, _MIDDLE: part.seam_middle()})
-    middle_part = drawn.at(_MIDDLE, arc_length_m)
-    approach_part = np.tile([0.0, 0.0, 1.0], (config.frames, 1))
-    if drawn.approach is not None:
-        approach_part = drawn.approach_at(arc_length_m)
-    lines_part = [drawn.at(name, arc_length_m) for name in drawn.points]
-    above_m = np.max([np.sum((line - middle_part) * approach_part, axis=1) for line in lines_part])
-    crossing_m = above_m + _TIP_ABOVE_M - station.head.below_tip_m
-    T_base_part = station.planner.known_cell.T_base_part("plate")
-    points_base = T_base_part.apply(middle_part + crossing_m * approach_part)
-    travel_base = np.gradient(T_base_part.apply(middle_part), axis=0)
-    return ScanPath(
-        points_base=points_base,
-        torch_rotations=torch_rotations(travel_base, T_base_part.rotation.apply(approach_part)),
-        speed_m_s=1e-3 * config.speed_mm_s,
-    )
+    """Along the seam as drawn, in the first view of it that the arm can take; raises OutOfReach if there is none."""
+    return first_carried(station, view_paths(station), "seam")
 
 
 def seam_metrics(station: Station, tracked: TrackedSeam, alignment: Alignment) -> dict[str, float]:

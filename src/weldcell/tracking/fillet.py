@@ -19,6 +19,7 @@ _MOST_HIDDEN_M = 8e-3  # of the valley itself: a tack weld or a glint
 _GUARD_M = 4e-4
 _FEWEST_POINTS = 12
 _LEAST_EXPLAINED = 0.5
+_MOST_DOUBT, _SURE_M = 4.0, 8e-5
 
 
 def find_fillet(section: Section, previous_x_m: float | None = None) -> Found:
@@ -26,6 +27,7 @@ def find_fillet(section: Section, previous_x_m: float | None = None) -> Found:
     pieces: list[Piece] = []
     for steepest, neighbours in _TRIES:
         pieces = straight_pieces(section, steepest=steepest, neighbours=neighbours) if len(section.x_m) else []
+        pieces = [piece for piece in pieces if _is_sure(section, piece)]
         pairs = [
             pair for pair in combinations(pieces, 2) if _is_valley(*pair) and is_near(_valley_m(*pair), previous_x_m)
         ]
@@ -33,6 +35,15 @@ def find_fillet(section: Section, previous_x_m: float | None = None) -> Found:
         if best is not None:
             return _refined(section, pairs[best[0]], best[1])
     return Found(reason=f"no fillet{near_words(previous_x_m)}: of {len(pieces)} straight pieces no two form a valley")
+
+
+def _is_sure(section: Section, piece: Piece) -> bool:
+    """Whether a piece is about as certain as the stripe's best part, or certain enough.
+
+    Where an arc outshines the stripe, the edges of lit surfaces pass for one: far less certain than a stripe is.
+    """
+    of_piece = section.sigma_m[(section.x_m >= piece.start_m) & (section.x_m <= piece.end_m)]
+    return bool(np.median(of_piece) <= max(_MOST_DOUBT * np.quantile(section.sigma_m, 0.2), _SURE_M))
 
 
 def _is_valley(right: Piece, left: Piece) -> bool:

@@ -1,6 +1,6 @@
 """The straight pieces of a section: where a profile bends or jumps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -54,6 +54,24 @@ def straight_pieces(section: Section, *, steepest: float, neighbours: int = 6) -
     cuts = _split(section.x_m, z, tolerance_m)
     pieces = [_piece(section.x_m[a : b + 1], z[a : b + 1]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
     return _joined([piece for piece in pieces if _is_substantial(piece)], 3 * tolerance_m)
+
+
+def flipped_piece(piece: Piece) -> Piece:
+    """The piece in the section with left and right swapped."""
+    return replace(piece, start_m=-piece.end_m, end_m=-piece.start_m, slope=-piece.slope)
+
+
+def bridged(pieces: list[Piece], tolerance_m: float, widest_m: float) -> list[Piece]:
+    """The unions of pieces on one line, up to `widest_m` apart in x, whatever is seen or missing between them."""
+    unions: list[Piece] = []
+    for at, first in enumerate(pieces):
+        union = first
+        for after in pieces[at + 1 :]:
+            if 0 <= after.start_m - union.end_m <= widest_m and _on_one_line(union, after, tolerance_m):
+                union = _union(union, after)
+        if union is not first:
+            unions.append(union)
+    return unions
 
 
 def agrees_with_neighbours(section: Section, steepest: float, neighbours: int) -> Bool[np.ndarray, "n"]:

@@ -20,7 +20,7 @@ from weldcell.tracking.candidates import (
     on_model,
     unlikelihood,
 )
-from weldcell.tracking.curve_end import End, curve_end
+from weldcell.tracking.curve_end import PLATE_LOST_SHARE, End, curve_end
 from weldcell.tracking.curves import Curve, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.pieces import Piece, straight_pieces
@@ -134,8 +134,8 @@ def _gap(section: Section, start: float, end: float, starts: tuple[Curve, Curve]
     else:
         beyond = 0.0
         start, end = _widest_hole(section, (right, left), start - _BEYOND_M, end + _BEYOND_M)
-    right_end = curve_end(section, right, start - _BESIDE_M, end + beyond)
-    left_end = curve_end(section, left, end + _BESIDE_M, start - beyond)
+    right_end = curve_end(section, right, start - _BESIDE_M, end + beyond, lost_share=PLATE_LOST_SHARE)
+    left_end = curve_end(section, left, end + _BESIDE_M, start - beyond, lost_share=PLATE_LOST_SHARE)
     if right_end is None or left_end is None:
         return None
     return _Gap(start_m=start, end_m=end, plates=(right, left), ends=(right_end, left_end))
