@@ -3,7 +3,9 @@
 The camera looks along the seam, past the square edge behind the light. Where the seam bends by a radius R towards the
 bevel, that edge hides d^2 / 2R of what lies a depth d below it, and what is hidden looks like a gap. Depth tells them
 apart: the bevel's end stays as deep below the square plate as it was in the frames before, and a bevel that seems to
-end higher goes on behind the edge.
+end higher goes on behind the edge. Nor are the stripe's last columns always seen: where the background is bright, a
+dark one takes the few behind it along. So a first frame's gap is doubted, and the root lies midway between what it
+would be with the gap and without; the next frame loses other columns, and a gap that is seen again is one.
 """
 
 from dataclasses import dataclass, replace
@@ -14,12 +16,14 @@ from jaxtyping import Float
 from weldcell.tracking.curves import Curve
 from weldcell.tracking.section import Corner, Section
 
-_HIDDEN_M, _HIDDEN_SIGMAS = 1e-4, 3.0  # a bevel that ends this much higher than it did goes on behind the edge
+_HIDDEN_SIGMAS = 3.0  # a bevel that ends this much higher than it did goes on behind the edge
+_HIDDEN_M = (1e-4, 2.5e-4)  # but no less and no more than so much
 _DEPTH_GAIN, _MOST_RISE_M = 0.2, 1e-5  # of the depth kept, a frame: what hides the end must not wear it away
 _TIGHTEST_BEND_M = 0.1
 _DOUBT_SHARE = 0.35  # of a gap that a bend may feign: half the way between both roots that it leaves open
+_MOST_DOUBT_M = 4.5e-4  # so that the next frame can tell
 _SHADOW_SPACINGS = 3.0  # a bevel that is seen up to the square edge's shadow has no gap to be seen
-_FEW_STRAYS = 1
+_MOST_LOST_SPACINGS = 7.0  # columns that a stripe may lose before an edge: a dark one, and the few behind it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +46,7 @@ def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end:
     along = np.array([1.0, lean]) / np.hypot(1.0, lean)  # the square plate
     meeting = _on_face(square, bevel, edge)
     seen_m, deepest_m = (_depth(along, edge, one) for one in (end, meeting))
-    tolerance_m = max(_HIDDEN_M, _HIDDEN_SIGMAS * end.sigma_m)
+    tolerance_m = float(np.clip(_HIDDEN_SIGMAS * end.sigma_m, *_HIDDEN_M))
     if _ends_in_shadow(section, edge, end, meeting):
         edge = _edge_by_foot(section, square, edge, end, meeting)
         meeting = _on_face(square, bevel, edge)
@@ -50,21 +54,28 @@ def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end:
         return Foot(
             root=meeting, edge=edge, gap_m=0.0, depth_m=deepest_m, kept_depth_m=_kept(deepest_m, kept_m, tolerance_m)
         )
-    depth_m = seen_m
-    if kept_m is not None and kept_m > seen_m + tolerance_m and not _is_seen(section, end.x_m, edge.x_m):
+    depth_m, seen_again = seen_m, kept_m is not None and abs(seen_m - kept_m) <= tolerance_m
+    first_seen = kept_m is None or seen_m > kept_m + tolerance_m
+    if kept_m is not None and kept_m > seen_m + tolerance_m:
+        # Also where something deeper shows in between: a drop of spatter does, and no bevel ends higher at once.
         depth_m = kept_m
         end = _at_depth(bevel, end, along, depth_m - seen_m)
+    else:
+        kept_m = _kept(seen_m, kept_m, tolerance_m)
     gap_m = float(along @ [edge.x_m - end.x_m, edge.z_m - end.z_m])
     if depth_m > deepest_m - tolerance_m or gap_m <= 0:
         return Foot(root=meeting, edge=edge, gap_m=0.0, depth_m=deepest_m, kept_depth_m=kept_m)
     # The gap's ends are independent; the middle moves by half of each.
     sigma_m = 0.5 * float(np.hypot(end.sigma_m, edge.sigma_m))
-    doubtful = kept_m is None and gap_m < depth_m**2 / (2 * _TIGHTEST_BEND_M)
-    if doubtful:
-        sigma_m = float(np.hypot(sigma_m, _DOUBT_SHARE * gap_m))
-    elif depth_m == seen_m:
-        kept_m = _kept(seen_m, kept_m, tolerance_m)
     x_m, z_m = np.array([end.x_m, end.z_m]) + gap_m / 2 * along
+    lost_m = 0.0 if seen_again else _MOST_LOST_SPACINGS * float(np.median(np.diff(section.x_m)))
+    feigned_m = lost_m + depth_m**2 / (2 * _TIGHTEST_BEND_M)
+    if gap_m < (feigned_m if first_seen else lost_m):  # a gap, or what is hidden: midway between the roots of both
+        x_m, z_m = (x_m + meeting.x_m) / 2, (z_m + meeting.z_m) / 2
+        doubt_m = float(np.hypot(x_m - meeting.x_m, z_m - meeting.z_m))
+    else:
+        doubt_m = _DOUBT_SHARE * gap_m if gap_m < feigned_m else 0.0
+    sigma_m = float(np.hypot(sigma_m, min(doubt_m, _MOST_DOUBT_M)))
     root = Corner(x_m=float(x_m), z_m=float(z_m), sigma_m=sigma_m)
     return Foot(root=root, edge=edge, gap_m=gap_m, depth_m=depth_m, kept_depth_m=kept_m)
 
@@ -72,12 +83,6 @@ def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end:
 def _depth(along: Float[np.ndarray, "2"], edge: Corner, corner: Corner) -> float:
     """Depth of a corner below the square plate, which runs `along` through its edge."""
     return float(np.array([-along[1], along[0]]) @ [corner.x_m - edge.x_m, corner.z_m - edge.z_m])
-
-
-def _is_seen(section: Section, low_m: float, high_m: float) -> bool:
-    """Whether anything but a stray is seen between two ends, clear of these."""
-    clear_m = _SHADOW_SPACINGS * float(np.median(np.diff(section.x_m)))
-    return int(np.sum((section.x_m > low_m + clear_m) & (section.x_m < high_m - clear_m))) > _FEW_STRAYS
 
 
 def _at_depth(bevel: Curve, end: Corner, direction: Float[np.ndarray, "2"], deeper_m: float) -> Corner:

@@ -23,10 +23,10 @@ from weldcell.tracking.candidates import (
     near_words,
     on_model,
 )
-from weldcell.tracking.curve_end import curve_end
+from weldcell.tracking.curve_end import PLATE_LOST_SHARE, curve_end
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
-from weldcell.tracking.pieces import Piece, straight_pieces
+from weldcell.tracking.pieces import Piece, bridged, flipped_piece, straight_pieces
 from weldcell.tracking.section import Corner, Section
 
 BEVEL_NAMES = ("left", "root", "right")
@@ -82,7 +82,8 @@ def find_bevel(
     pieces: list[Piece] = []
     for steepest, neighbours in _TRIES:
         pieces = straight_pieces(section, steepest=steepest, neighbours=neighbours)
-        both = {False: pieces, True: [_flipped(piece) for piece in reversed(pieces)]}
+        pieces = sorted(pieces + bridged(pieces, EXPLAINED_M, _MOST_UNSEEN_M), key=lambda piece: piece.start_m)
+        both = {False: pieces, True: [flipped_piece(piece) for piece in reversed(pieces)]}
         candidates = [
             found
             for flipped, ordered in both.items()
@@ -100,10 +101,6 @@ def find_bevel(
     return Found(
         reason=f"no single bevel{near_words(previous_x_m)}: of {len(pieces)} straight pieces no three form one"
     )
-
-
-def _flipped(piece: Piece) -> Piece:
-    return replace(piece, start_m=-piece.end_m, end_m=-piece.start_m, slope=-piece.slope)
 
 
 def _forms_bevel(one: _Bevel) -> bool:
@@ -158,7 +155,12 @@ def _refined(section: Section, one: _Bevel, margin: float, previous_kept_depth_m
         edge_m = edge.x_m
     assert edge is not None
     square_end = curve_end(
-        section, square, min(square_m + _COUNTED_M, one.square.end_m), square_m - _BEYOND_M, beyond=bevel
+        section,
+        square,
+        min(square_m + _COUNTED_M, one.square.end_m),
+        square_m - _BEYOND_M,
+        beyond=bevel,
+        lost_share=PLATE_LOST_SHARE,
     )
     if square_end is None:
         return Found(reason="no single bevel: its square edge has no end")

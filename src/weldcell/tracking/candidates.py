@@ -49,12 +49,16 @@ def unlikelihood(x_m: float, previous_x_m: float | None) -> float:
 
 def as_deep(found: Found, name: str, previous_depth_m: float | None, most_risen_m: float) -> Found:
     """The groove, unless its bottom has risen by more since the last frame, as where a tack weld fills it."""
-    risen_m = (previous_depth_m or 0.0) - found.measures.get("depth_m", np.inf)
+    reason = risen_words(name, found.measures.get("depth_m", np.inf), previous_depth_m, most_risen_m)
+    return Found(reason=reason) if reason else found
+
+
+def risen_words(name: str, depth_m: float, previous_depth_m: float | None, most_risen_m: float) -> str:
+    """How a reason says that a groove's bottom has risen; empty if it has not by more than that."""
+    risen_m = (previous_depth_m or 0.0) - depth_m
     if risen_m <= most_risen_m:
-        return found
-    return Found(
-        reason=f"no {name}: its bottom stands {risen_m * 1e3:.1f} mm higher than before, as a tack weld's does"
-    )
+        return ""
+    return f"no {name}: its bottom stands {risen_m * 1e3:.1f} mm higher than before, as a tack weld's does"
 
 
 def near_words(previous_x_m: float | None) -> str:

@@ -29,6 +29,8 @@ from scipy.special import ndtr
 from weldcell.tracking.curves import LEAST_SCALE, Curve
 from weldcell.tracking.section import Corner, Section
 
+PLATE_LOST_SHARE = 0.08
+"""Of a plate's ends: none in a hundred in calm pictures, one in ten beside an arc, where plates are bright too."""
 _ON_SIGMAS = 3.5
 _BEYOND_ON = 0.03  # share of columns beyond a curve's end that lie on it by chance
 _PRIOR_BEGINS, _PRIOR_COUNT = 0.1, 4.0  # runs of strays, and columns, counted before any are seen
@@ -43,6 +45,8 @@ _LIGHT_SIGMAS = (0.1, 1.0)
 _ALIKE = 2.0  # columns that one speckle grain lights: so many say as much as one
 _WIDE = 2.0  # spread of chance light over that of the curve's own
 _FAINTEST = 1e-7
+_MOST_LOST = 7.0  # columns: a dark one, and the few behind it that do not count as a piece of stripe
+_IN_FRONT_M = 1e-3
 _LOST_AT_EDGE, _MIXED_COLUMNS = 0.2, 1.0  # columns this near hold two stripes or light on the face, and may be lost
 
 
@@ -72,11 +76,18 @@ class _Columns:
 
 
 def curve_end(
-    section: Section, curve: Curve, inner_m: float, outer_m: float, *, beyond: Curve | None = None
+    section: Section,
+    curve: Curve,
+    inner_m: float,
+    outer_m: float,
+    *,
+    beyond: Curve | None = None,
+    lost_share: float = 0.0,
 ) -> End | None:
     """The end of a curve that holds at x = `inner_m` and no more at `outer_m`; None if there are no points to tell.
 
-    Points on the curve `beyond` the end, if it is known, are no strays.
+    Points on the curve `beyond` the end, if it is known, are no strays. With the probability `lost_share` the stripe's
+    last columns were lost, up to seven, if nothing else is seen there.
     """
     at = _where_columns_cut(section, curve, (inner_m + outer_m) / 2)
     within = np.flatnonzero((at >= min(inner_m, outer_m)) & (at <= max(inner_m, outer_m)))
@@ -102,8 +113,18 @@ def curve_end(
     )
     x_m = float(likelihood @ ends_m)
     variance = float(likelihood @ np.square(ends_m - x_m))
+    in_front = part.z_m < curve.z_of(x) - _IN_FRONT_M
+    lost_m = sign * spacing_m * min(_dark_columns(columns, ends[int(likelihood.argmax())], in_front), _MOST_LOST)
+    x_m += lost_share * lost_m / 2
+    variance += lost_share * (1 / 3 - lost_share / 4) * lost_m**2
     sigma_m = float(np.sqrt((1 + curve.slope_at(x_m) ** 2) * variance + curve.variance_at(x_m)))
     return End(corner=Corner(x_m=x_m, z_m=curve.z_at(x_m), sigma_m=sigma_m), nats=float(nats.max() - nats_without))
+
+
+def _dark_columns(columns: _Columns, end: float, in_front: Bool[np.ndarray, "n"]) -> float:
+    """How many columns beyond an end hold nothing at all, or what is in front of the curve: nothing real is."""
+    after = columns.number[(columns.number > end) & ~columns.on[columns.number] & ~in_front]
+    return float(max((after[0] if len(after) else len(columns.on)) - 0.5 - end, 0.0))
 
 
 def _where_columns_cut(section: Section, curve: Curve, near_m: float) -> Float[np.ndarray, "n"]:

@@ -1,6 +1,6 @@
 """Smooth pieces of a section: robust polynomials as low as the points allow, and where they cross."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -74,6 +74,17 @@ def line_curve(slope: float, intercept_m: float) -> Curve:
         sigmas=1.0,
         count=0,
         inlier_share=1.0,
+    )
+
+
+def flipped_curve(curve: Curve) -> Curve:
+    """The curve in the section with left and right swapped."""
+    signs = (-1.0) ** np.arange(len(curve.coefficients_m))
+    return replace(
+        curve,
+        origin_m=-curve.origin_m,
+        coefficients_m=curve.coefficients_m * signs,
+        covariance=curve.covariance * np.outer(signs, signs),
     )
 
 

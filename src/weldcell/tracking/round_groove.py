@@ -23,11 +23,11 @@ from weldcell.tracking.candidates import (
     mirrored,
     near_words,
 )
-from weldcell.tracking.curve_end import curve_end
-from weldcell.tracking.curves import Curve, fit_curve, line_curve
+from weldcell.tracking.curve_end import PLATE_LOST_SHARE, curve_end
+from weldcell.tracking.curves import Curve, fit_curve, flipped_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.groove_drawing import Drawing, fit_drawing
-from weldcell.tracking.pieces import Piece, straight_pieces
+from weldcell.tracking.pieces import Piece, flipped_piece, straight_pieces
 from weldcell.tracking.plates_frame import PlatesFrame, plates_frame
 from weldcell.tracking.section import Corner, Section
 
@@ -46,6 +46,9 @@ _SURE_M = 1e-4  # a wall that tells its edge less well is as good as not seen
 _EDGE_SLACK_M = 5e-4
 _EDGES_APART_M = 3e-4
 _LEAST_NATS = 10.0
+_MOST_UNSEEN_M = 8e-3  # of a plate before its edge, if the wall tells that
+_FEW_SEEN, _FEW_SEEN_SHARE = 2, 0.1  # of the columns in between: strays
+_END_HIDDEN = 0.07  # share of plates' ends beside unseen walls that are no edges
 _LOPSIDED_SHARE = 0.1
 _FEWEST_BETWEEN = 15
 _MOST_RISEN_M = 1.5e-3
@@ -198,15 +201,28 @@ def _edge(
         return crossed if sure and abs(crossed.x_m - end_m) <= _EDGE_SLACK_M else None
     if not sure:
         return _in_the_dark(section, end.corner, -side)
-    apart_m = abs(crossed.x_m - end.corner.x_m)
-    return crossed if apart_m <= max(_EDGES_APART_M, 4 * end.corner.sigma_m) else None
+    apart_m = side * (end.corner.x_m - crossed.x_m)  # positive where the plate stops short of the wall
+    if abs(apart_m) <= max(_EDGES_APART_M, 4 * end.corner.sigma_m):
+        return crossed
+    return crossed if 0 < apart_m <= _MOST_UNSEEN_M and _is_dark(section, crossed.x_m, end.corner.x_m) else None
+
+
+def _is_dark(section: Section, first_m: float, last_m: float) -> bool:
+    """Whether next to nothing is seen between two x: a plate whose last stretch is hidden, not one that bends off."""
+    spacing_m = float(np.median(np.diff(section.x_m)))
+    low, high = sorted((first_m, last_m))
+    seen = np.sum((section.x_m > low + spacing_m) & (section.x_m < high - spacing_m))
+    return bool(seen <= max(_FEW_SEEN, _FEW_SEEN_SHARE * (high - low) / spacing_m))
 
 
 def _in_the_dark(section: Section, end: Corner, towards: int) -> Corner:
-    """A plate's end with no wall beside it: the edge may lie anywhere up to the next column that is seen."""
+    """A plate's end with no wall beside it: it may be hidden too, and the edge lie up to the next column that is seen.
+
+    With the probability p that it is, anywhere within w, the mean square of what is missed is p w^2 / 3.
+    """
     beyond_m = towards * (section.x_m - end.x_m)
     dark_m = float(beyond_m[beyond_m > 0].min(initial=np.inf))
-    return replace(end, sigma_m=float(np.hypot(end.sigma_m, dark_m / np.sqrt(12))))
+    return replace(end, sigma_m=float(np.hypot(end.sigma_m, dark_m * np.sqrt(_END_HIDDEN / 3))))
 
 
 def _plate_depth(frame: PlatesFrame, plate: Curve, s_m: float) -> float:
@@ -232,8 +248,8 @@ def _j_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], 
 def _j_one_way(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float, flipped: bool) -> Found:
     if not flipped:
         return _j_with_square_right(section, opening, plates, margin)
-    turned = _Opening(right=_flipped(opening.left), left=_flipped(opening.right))
-    turned_plates = (_flipped_curve(plates[1]), _flipped_curve(plates[0]))
+    turned = _Opening(right=flipped_piece(opening.left), left=flipped_piece(opening.right))
+    turned_plates = (flipped_curve(plates[1]), flipped_curve(plates[0]))
     found = _j_with_square_right(mirrored(section), turned, turned_plates, margin)
     return replace(
         found,
@@ -245,7 +261,7 @@ def _j_one_way(section: Section, opening: _Opening, plates: tuple[Curve, Curve],
 def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float) -> Found:
     """A J groove whose square face is on the side of small x."""
     right_m, left_m = opening.right.end_m, opening.left.start_m
-    end = curve_end(section, plates[0], right_m - _BESIDE_M, right_m + _BESIDE_M)
+    end = curve_end(section, plates[0], right_m - _BESIDE_M, right_m + _BESIDE_M, lost_share=PLATE_LOST_SHARE)
     if end is None:
         return Found(reason="no J groove: its square edge has no end")
     frame = PlatesFrame(origin=np.array([end.corner.x_m, end.corner.z_m]), angle_rad=plates[0].angle_at(end.corner.x_m))
@@ -280,18 +296,4 @@ def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curv
     support = min(plates[0].count, plates[1].count, fitted.count)
     return Found(
         corners=corners, measures=measures, trust=Trust(explained=fitted.explained, margin=margin, support=support)
-    )
-
-
-def _flipped(piece: Piece) -> Piece:
-    return replace(piece, start_m=-piece.end_m, end_m=-piece.start_m, slope=-piece.slope)
-
-
-def _flipped_curve(curve: Curve) -> Curve:
-    signs = (-1.0) ** np.arange(len(curve.coefficients_m))
-    return replace(
-        curve,
-        origin_m=-curve.origin_m,
-        coefficients_m=curve.coefficients_m * signs,
-        covariance=curve.covariance * np.outer(signs, signs),
     )

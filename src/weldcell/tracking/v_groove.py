@@ -11,11 +11,11 @@ from weldcell.tracking.candidates import (
     GATE_M,
     MOST_SIGMA_M,
     PLATE_LENGTH_M,
-    as_deep,
     best_of,
     mismatch_m,
     near_words,
     on_model,
+    risen_words,
 )
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
@@ -40,6 +40,7 @@ _FEWEST_ON_LINE = 6
 _LEAST_INLIER_SHARE = 0.4
 _LEAST_GROOVE_SHARE = 0.5
 _MOST_RISEN_M = 7e-4
+_WIDEST_GAP_M = 6e-3
 _LEAST_MISMATCH_M = 1e-4
 
 
@@ -82,7 +83,7 @@ def find_v(
         pieces = straight_pieces(section, steepest=steepest, neighbours=neighbours)
         best = _best_four(section, pieces, previous_x_m, shape)
         if best is not None:
-            return as_deep(_refined(section, best[0], shape, best[1]), shape.name, previous_depth_m, _MOST_RISEN_M)
+            return _refined(section, best[0], shape, best[1], previous_depth_m)
     return Found(reason=f"no {shape.name}{near_words(previous_x_m)}: of {len(pieces)} straight pieces no four form one")
 
 
@@ -156,7 +157,9 @@ def _turns_like_v(curves: Sequence[Curve], corner_x: Sequence[float], shape: VSh
     )
 
 
-def _refined(section: Section, four: tuple[Piece, ...], shape: VShape, margin: float) -> Found:
+def _refined(
+    section: Section, four: tuple[Piece, ...], shape: VShape, margin: float, previous_depth_m: float | None
+) -> Found:
     """The corners of curves fitted to all the section's own points between the corners."""
     corner_x = [_crossing_x(*pair) for pair in zip(four[:-1], four[1:], strict=True)]
     curves = [line_curve(piece.slope, piece.intercept_m) for piece in four]
@@ -193,11 +196,16 @@ def _refined(section: Section, four: tuple[Piece, ...], shape: VShape, margin: f
         return Found(reason=f"no {shape.name}: most points between its edges lie off its walls")
     measures = _measures(curves, corners)
     if shape.gapped:
-        root = open_root(section, curves, corners)
+        root = open_root(section, curves, corners, previous_depth_m)
         measures["gap_m"] = 0.0 if root is None else root.gap_m
         if root is not None:
             if root.filled:
                 return Found(reason=f"no {shape.name}: something stands in its gap, such as a tack weld")
+            if root.gap_m > _WIDEST_GAP_M:
+                return Found(reason=f"no {shape.name}: its walls' ends are hidden, or {root.gap_m * 1e3:.0f} mm apart")
+            complaint = risen_words(shape.name, root.seen_depth_m, previous_depth_m, _MOST_RISEN_M)
+            if complaint:
+                return Found(reason=complaint)
             corners = (corners[0], root.corner, corners[2])
             measures["depth_m"] = root.depth_m
     elif shape is V and abs(measures["mismatch_m"]) > _LEAST_MISMATCH_M:

@@ -13,7 +13,9 @@ from weldcell.tracking.section import Corner, Section
 _DEEPER_M = 3e-4
 _FILLED_SHARE, _FEWEST_FILLING = 0.5, 6
 _FEWEST_TELLING = 2
-_ALIKE_M, _ALIKE_SIGMAS = 1.5e-4, 4.0
+_LOST_SHARE, _LOST_M = 0.15, 4e-4  # of ends that lost columns or are hidden, and by how much, on average
+_HIGHER_M, _HIGHER_SIGMAS = 2e-4, 2.5  # ends so much higher than the last frame's are hidden, or lost columns
+_RISE_M, _KEPT_SIGMA_M = 2e-5, 8e-5  # of the depth kept: it gives way in some frames if it was too deep
 _WALL_SHARE = 0.3  # from here down a wall tells what strays are usual on it
 
 
@@ -27,12 +29,19 @@ class OpenRoot:
     """Their distance."""
     depth_m: float
     """How deep they lie below their own edges."""
+    seen_depth_m: float
+    """How deep what is seen of the walls ends: less, where both ends are hidden."""
     filled: bool
     """Whether something fills the gap."""
 
 
-def open_root(section: Section, curves: Sequence[Curve], corners: Sequence[Corner]) -> OpenRoot | None:
-    """The root of a groove with a gap, from its four curves and their crossings; None if too little of it is seen."""
+def open_root(
+    section: Section, curves: Sequence[Curve], corners: Sequence[Corner], kept_depth_m: float | None = None
+) -> OpenRoot | None:
+    """The root of a groove with a gap, from its four curves and their crossings; None if too little of it is seen.
+
+    Ends that are clearly higher than the last frame's depth, `kept_depth_m`, are hidden: the walls go on to it.
+    """
     (first, crossed, last), walls = corners, (curves[1], curves[2])
     found = [
         curve_end(section, wall, edge.x_m + _WALL_SHARE * (crossed.x_m - edge.x_m), crossed.x_m)
@@ -42,7 +51,8 @@ def open_root(section: Section, curves: Sequence[Curve], corners: Sequence[Corne
         return None
     tilt_rad = (curves[0].angle_at(first.x_m) + curves[3].angle_at(last.x_m)) / 2
     down = np.array([-np.sin(tilt_rad), np.cos(tilt_rad)])
-    depth_m, variance = _depth((first, last), (found[0].corner, found[1].corner), down)
+    seen_m, variance = _depth((first, last), (found[0].corner, found[1].corner), down)
+    depth_m, variance = _with_kept(seen_m, variance, kept_depth_m)
     low, high = (_at_depth(wall, edge, depth_m, down) for wall, edge in zip(walls, (first, last), strict=True))
     sigma_m = float(np.sqrt(variance + (low.sigma_m**2 + high.sigma_m**2) / 4))
     middle = Corner(x_m=(low.x_m + high.x_m) / 2, z_m=(low.z_m + high.z_m) / 2, sigma_m=sigma_m)
@@ -50,6 +60,7 @@ def open_root(section: Section, curves: Sequence[Curve], corners: Sequence[Corne
         corner=middle,
         gap_m=float(np.hypot(high.x_m - low.x_m, high.z_m - low.z_m)),
         depth_m=depth_m,
+        seen_depth_m=seen_m,
         filled=_is_filled(section, low, high),
     )
 
@@ -59,7 +70,7 @@ def stepped_root(section: Section, curves: Sequence[Curve], crossed: Corner, mis
 
     The root edges lie equally deep in their members, so the left one m above the right one, and without gap above each
     other. From the walls' crossing at depth 0, with s = dx/dz of the walls: s_left (d - m) = s_right d. Plates of
-    different thickness whose walls do meet have no such step: there the points go on to the crossing, and it is the root.
+    different thickness whose walls do meet have no such step: the points go on to the crossing, which is the root.
     """
     right, left = (1 / curve.slope_at(crossed.x_m) for curve in (curves[1], curves[2]))
     right_depth_m = left * mismatch_m / (left - right)
@@ -92,15 +103,30 @@ def _depth(
 ) -> tuple[float, float]:
     """How deep both walls end below their own edges, along `down`, and its variance.
 
-    Root faces are alike, so both ends are equally deep, whatever the mismatch. An end that is clearly shallower than
-    the other one is hidden.
+    Root faces are alike, so both ends are equally deep, whatever the mismatch. Of ends that differ the shallower one
+    may be hidden, or its last columns lost: with the probability of that against chance, the deeper one counts alone.
     """
     depth_m = np.array([down @ [e.x_m - f.x_m, e.z_m - f.z_m] for e, f in zip(ends, edges, strict=True)])
     variance = np.square([max(end.sigma_m, 1e-9) for end in ends])
-    if np.ptp(depth_m) > max(_ALIKE_M, _ALIKE_SIGMAS * float(np.sqrt(variance.sum()))):
-        deeper = int(depth_m.argmax())
-        return float(depth_m[deeper]), float(variance[deeper])
-    return float(np.sum(depth_m / variance) / np.sum(1 / variance)), float(1 / np.sum(1 / variance))
+    deeper, total = int(depth_m.argmax()), float(variance.sum())
+    apart_m = float(np.ptp(depth_m))
+    chance = np.exp(-0.5 * apart_m**2 / total) / np.sqrt(2 * np.pi * total)
+    lost = max(0.5 * _LOST_SHARE * np.exp(-apart_m / _LOST_M) / _LOST_M, 1e-300)
+    alone = float(lost / (lost + (1 - _LOST_SHARE) * chance))
+    both_m, both_variance = float(np.sum(depth_m / variance) / np.sum(1 / variance)), float(1 / np.sum(1 / variance))
+    mean_m = alone * float(depth_m[deeper]) + (1 - alone) * both_m
+    spread = alone * (1 - alone) * (depth_m[deeper] - both_m) ** 2
+    return mean_m, float(alone * variance[deeper] + (1 - alone) * both_variance + spread)
+
+
+def _with_kept(seen_m: float, variance: float, kept_m: float | None) -> tuple[float, float]:
+    """The depth of the walls' ends and its variance, with what is kept from the frames before."""
+    if kept_m is None:
+        return seen_m, variance
+    clear_m = max(_HIGHER_M, _HIGHER_SIGMAS * float(np.sqrt(variance)))
+    if seen_m < kept_m - clear_m:
+        return kept_m - _RISE_M, variance + _KEPT_SIGMA_M**2
+    return seen_m, variance
 
 
 def _at_depth(wall: Curve, edge: Corner, depth_m: float, down: Float[np.ndarray, "2"]) -> Corner:
