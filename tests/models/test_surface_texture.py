@@ -104,7 +104,7 @@ def test_a_plain_part_has_no_texture():
 
 
 def test_spots_without_a_seam_and_parts_without_size_are_refused():
-    with pytest.raises(BadGeometry, match="tack spots need a seam"):
+    with pytest.raises(BadGeometry, match="expected a seam, found none"):
         boss(0.05, 0.9, 0.04).with_surface("aluminium", tack_spots=2)
     with pytest.raises(BadGeometry, match="texture: expected a box"):
         surface_texture(LOW, LOW, "brushed", np.empty((0, 3)), np.random.default_rng(1))

@@ -44,7 +44,7 @@ def test_both_methods_follow_the_seam(seed, preset, material):
         metrics = seam_metrics(station, seam, exact) | morphology_metrics(station, seam, exact, watch)
         lost = MorphologyWatch(points_px=[np.full(2, np.nan)] * FRAMES)
         without = morphology_metrics(station, seam, exact, lost)
-    assert metrics["frames_valid_count"] == metrics["frames_morphological_valid_count"] == FRAMES
+    assert min(metrics["frames_valid_count"], metrics["frames_morphological_valid_count"]) >= FRAMES - 1
     # mm: a few times what 300 pictures reach, in which the scatter of one averages out
     assert max(metrics[f"seam_{name}_mean_error_mm"] for name in ("left", "centre", "right")) < 0.12
     # mm: the bridge lies up to 2 px of 0.08 mm to the side that the surface bends to, and half a pixel across the seam

@@ -124,9 +124,9 @@ def test_on_steep_walls_neighbours_see_other_grains():
 
 
 def test_what_is_hard_to_see_is_lost_as_often_as_in_pictures():
-    """Ground steel, whose plate sends little light towards the camera and whose speckle is strong: 10 % of columns."""
+    """Ground steel, whose plate sends little light towards the camera and whose speckle is strong: 8 % of columns."""
     picture, profile = modes("p2", "groove", "ground-steel")
-    assert picture.found.sum() < 0.9 * len(picture.found)
+    assert picture.found.sum() < 0.95 * len(picture.found)
     assert profile.found.sum() == pytest.approx(picture.found.sum(), rel=0.1)
 
 

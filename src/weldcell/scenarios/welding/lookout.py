@@ -35,7 +35,7 @@ class Lookout:
         self._arm_sigma_m = _ARM_SIGMA_M * np.sqrt(max(1.0, _ARM_ALIKE_M / spacing_m))
         self._previous: JointFeatures | None = None
         self._missed = 0
-        self._due_s = station.time_s
+        self._due_s = 0.0
         self._waiting: deque[tuple[float, Sighting]] = deque()
         self.index = 0
         """How many pictures were due so far."""
@@ -45,6 +45,10 @@ class Lookout:
         """In how many of these the joint was found."""
         self.lost = 0
         """How many never arrived."""
+
+    def begin(self, time_s: float) -> None:
+        """The first picture is due now."""
+        self._due_s = time_s
 
     def due(self, time_s: float) -> bool:
         """Whether a picture is to be taken now."""

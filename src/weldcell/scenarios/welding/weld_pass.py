@@ -108,6 +108,8 @@ class WeldPass:
     def run(self) -> WeldTrace:
         """What happened, from the run-in's start, where the arm stands, to where the torch came to a stand."""
         self._drive.start(self._station.joints_rad)
+        self._now_s = self._station.time_s
+        self._lookout.begin(self._now_s)
         clock = PathClock(1e-3 * self._config.speed_mm_s, ACCELERATION_M_S2, start_m=self.start_m)
         standing = 0
         while standing < _SETTLING_TICKS:
@@ -178,7 +180,7 @@ class WeldPass:
         """How far the weave swings to the left now; it begins with the arc."""
         if self._weave is None or not self._lit:
             return 0.0
-        return float(self._weave.lateral_m(np.array(self._arc_s)))
+        return float(self._weave.lateral_m(np.array([self._arc_s]))[0])
 
     def _feel(self, place_m: float) -> None:
         """The arc's current over the last tick, if that guides."""
