@@ -15,8 +15,11 @@ from weldcell.sensor_sim.centre_noise import CentreNoise
 from weldcell.sensor_sim.speckle import correlated_rows, gamma_factors
 from weldcell.sensor_sim.stripe import StripePieces
 
-_SIGNAL_SIGMAS = 8.0  # of the light under the stripe's own Gaussian
-_SEARCH_LEVELS, _SEARCH_SIGMAS = 1.0, 5.0  # a block of 8 rows and 2 columns stands out by more; of half a block
+_SIGNAL_SIGMAS = 6.0  # of the light under the stripe's own Gaussian
+_SEARCH_LEVELS, _SEARCH_SIGMAS = (
+    1.0,
+    3.5,
+)  # faint stretches beside sure ones included: a block of 8 rows and 2 columns stands out by more; of half a block
 _BLOCK_ROWS, _CELL_PIXELS = 8, 8
 _CELL_ROUNDING = 1 / 8  # variance (levels^2): two averages of whole numbers, rounded
 _NARROWEST_WEIGHT_PX2 = 0.7
