@@ -100,8 +100,8 @@ def test_the_weave_is_part_of_where_the_torch_belongs():
 
 
 def test_the_command_ends_with_metrics_limits_and_a_recording(tmp_path):
-    options = "--robot perfect --sensor.profile-only --weld.speed-mm-s 60 --weld.frame-hz 40 --no-weld.arc --weld.drift-mm 0"
-    seam = "--seam.path straight --seam.length-mm 120 --calibration.touches 20"
+    options = "--robot perfect --sensor.profile-only --weld.speed-mm-s 60 --weld.frame-hz 40 --no-weld.arc"
+    seam = "--weld.drift-mm 0 --seam.path straight --seam.length-mm 120 --calibration.touches 20"
     place = tmp_path / "run"
     assert main(["run", "weld", *options.split(), *seam.split(), "--out", str(place)]) == 0
     found = json.loads((place / "metrics.json").read_text())
