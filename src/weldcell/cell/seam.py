@@ -47,6 +47,11 @@ class Seam:
         return {name: CubicSpline(self.arc_length_m, points) for name, points in self.points.items()}
 
 
+def length_along(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+    """Distance along a polyline from its first point to each (m)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
 def distance_to_polyline(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "n"]:
     """Distance of each point to the nearest place of a polyline (all m, one frame)."""
     return np.linalg.norm(points - nearest_on_polyline(points, line), axis=-1)

@@ -22,6 +22,7 @@ from jaxtyping import Float, UInt8
 
 from weldcell.cell.configuration import TextureName
 from weldcell.cell.errors import BadGeometry
+from weldcell.cell.seam import length_along
 
 _MOST_PIXELS = 40_000_000
 _BRUSHED_MEAN, _BRUSHED_SPREAD = 0.8, 0.07
@@ -125,7 +126,7 @@ def even_spots(points_part: Float[np.ndarray, "n 3"], count: int) -> Float[np.nd
     """Points in the middle of `count` equally long stretches of a line."""
     if count == 0:
         return np.empty((0, 3))
-    way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_part, axis=0), axis=1))])
+    way_m = length_along(points_part)
     places_m = (np.arange(count) + 0.5) / count * way_m[-1]
     return np.column_stack([np.interp(places_m, way_m, points_part[:, axis]) for axis in range(3)])
 

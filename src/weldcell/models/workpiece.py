@@ -17,6 +17,9 @@ from weldcell.models.finishes import FINISHES
 from weldcell.models.mesh_body import GROUP_PARTS, PART_MASK, add_mesh_geom
 from weldcell.models.surface_texture import SurfaceTexture, even_spots, surface_texture
 
+MIDDLE = "middle"
+"""Name of a seam's middle line."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Workpiece:
@@ -64,21 +67,27 @@ class Workpiece:
         """The same part of this material, with this pattern and with tack spots evenly along its seam."""
         if texture == "none" and tack_spots == 0:
             return replace(self, material=material, texture=None)
-        root = self.seam_middle() if tack_spots > 0 else np.empty((0, 3))
+        root = self.middle_seam().points[MIDDLE] if tack_spots > 0 else np.empty((0, 3))
         low, high = self.vertices_part.min(axis=0), self.vertices_part.max(axis=0)
         rng = generator(seed, f"texture of {self.name}")
         pattern = surface_texture(low, high, texture, even_spots(root, tack_spots), rng)
         return replace(self, material=material, texture=pattern)
 
-    def seam_middle(self) -> Float[np.ndarray, "n 3"]:
-        """Points along the seam (m, part): its root, a U's centre, or midway between its features."""
+    def middle_seam(self) -> Seam:
+        """The seam's one line `middle` (its root, a U's centre, or midway between its features), with its approach.
+
+        The approach is upright where nobody knows better.
+        """
         if self.seam_part is None:
             raise BadGeometry(f"workpiece {self.name}: expected a seam, found none")
-        points = self.seam_part.points
-        for name in ("root", "centre"):
-            if name in points:
-                return points[name]
-        return np.mean(list(points.values()), axis=0)
+        seam, points = self.seam_part, self.seam_part.points
+        middle = next((points[name] for name in ("root", "centre") if name in points), None)
+        upright = np.tile([0.0, 0.0, 1.0], (len(seam.arc_length_m), 1))
+        return Seam(
+            arc_length_m=seam.arc_length_m,
+            points={MIDDLE: np.mean(list(points.values()), axis=0) if middle is None else middle},
+            approach=upright if seam.approach is None else seam.approach,
+        )
 
     def add_to(self, spec: mujoco.MjSpec, T_base_part: RigidTransform) -> mujoco.MjsBody:
         """The body that now stands at `T_base_part` in the spec's world, its geom in group 0."""

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from weldcell.cell.errors import OutOfReach
+from weldcell.cell.seam import length_along
 from weldcell.cell.world.motion import Motion, readings_along
 from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.station import Sight, Station
@@ -36,8 +37,7 @@ class ScanPath:
     @property
     def times_s(self) -> Float[np.ndarray, "n"]:
         """When each picture is taken, from the first one on."""
-        steps_m = np.linalg.norm(np.diff(self.points_base, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps_m)]) / self.speed_m_s
+        return length_along(self.points_base) / self.speed_m_s
 
 
 def scan(station: Station, path: ScanPath, stage: str) -> Iterator[Sight]:

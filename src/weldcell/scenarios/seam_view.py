@@ -18,11 +18,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from weldcell.cell.configuration import JointName
 from weldcell.cell.seam import Seam
 from weldcell.models.torch import T_FLANGE_TORCH
+from weldcell.models.workpiece import MIDDLE
 from weldcell.scenarios.scanning import ScanPath
 from weldcell.scenarios.station import Station
 from weldcell.scenarios.torch_poses import flange_at, torch_rotations
 
-_MIDDLE = "middle"
 _END_MARGIN_M = 0.012  # at the ends the section, square to the slanting path, would miss the plate's corners
 _HIGHER_M = (0.0, 0.020)
 _UPRIGHT_RAD = tuple(np.radians([0.0, 15.0, 25.0]))
@@ -78,7 +78,7 @@ class _Look:
             drawn.arc_length_m[0] + _END_MARGIN_M, drawn.arc_length_m[-1] - _END_MARGIN_M, config.frames
         )
         T_base_part = station.planner.known_cell.T_base_part("plate")
-        middle_base = T_base_part.apply(drawn.at(_MIDDLE, arc_length_m))
+        middle_base = T_base_part.apply(drawn.at(MIDDLE, arc_length_m))
         travel_base = np.gradient(middle_base, axis=0)
         travel_base /= np.linalg.norm(travel_base, axis=1, keepdims=True)
         assert drawn.approach is not None
@@ -116,13 +116,8 @@ def _drawn(station: Station) -> Seam:
     """The part's seam with its middle line as one more, and with an approach: upright where nobody knows better."""
     part = station.parts.plate
     assert part.seam_part is not None
-    drawn = part.seam_part
-    up = np.tile([0.0, 0.0, 1.0], (len(drawn.arc_length_m), 1))
-    return replace(
-        drawn,
-        points={**drawn.points, _MIDDLE: part.seam_middle()},
-        approach=up if drawn.approach is None else drawn.approach,
-    )
+    middle = part.middle_seam()
+    return replace(middle, points={**part.seam_part.points, **middle.points})
 
 
 def _towards_vertical(directions_base: Float[np.ndarray, "n 3"], most_rad: float) -> Float[np.ndarray, "n 3"]:
@@ -147,9 +142,9 @@ def _turn_over_seam(
     T_base_part = station.planner.known_cell.T_base_part("plate")
     behind_m = arc_length_m - station.head.look_ahead_m
     start_m = drawn.arc_length_m[0]
-    first = drawn.at(_MIDDLE, np.array([start_m, start_m + 1e-3]))
-    behind = drawn.at(_MIDDLE, np.maximum(behind_m, start_m))
+    first = drawn.at(MIDDLE, np.array([start_m, start_m + 1e-3]))
+    behind = drawn.at(MIDDLE, np.maximum(behind_m, start_m))
     behind += np.minimum(behind_m - start_m, 0.0)[:, None] * (first[1] - first[0]) / 1e-3
-    chord_base = T_base_part.rotation.apply(drawn.at(_MIDDLE, arc_length_m) - behind)
+    chord_base = T_base_part.rotation.apply(drawn.at(MIDDLE, arc_length_m) - behind)
     across = np.sum(np.cross(travel_base, chord_base) * approach_base, axis=1)
     return np.clip(np.arctan2(across, np.sum(travel_base * chord_base, axis=1)), -_MOST_TURN_RAD, _MOST_TURN_RAD)

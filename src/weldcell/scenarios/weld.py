@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import BadInput
-from weldcell.cell.seam import Seam
+from weldcell.cell.seam import length_along
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.job import Job, Outcome
 from weldcell.scenarios.recipe import conclude, station_for, write_calibration
@@ -40,7 +40,7 @@ def weld(station: Station, alignment: Alignment) -> tuple[dict[str, float | None
     taught = _taught(station, alignment, misplacement)
     station.begin(STAGE, "Weld")
     station.place_plate(misplacement)
-    seam = _exact_seam(station)
+    seam = station.parts.plate.middle_seam()
     part = MovingPart(
         T_base_told=station.told_plate(),
         misplacement=misplacement,
@@ -63,7 +63,7 @@ def weld(station: Station, alignment: Alignment) -> tuple[dict[str, float | None
 
 def _taught(station: Station, alignment: Alignment, misplacement: RigidTransform) -> TaughtPath:
     """The seam that the controller expects: as drawn where the part is told to lie, or as a scan found it."""
-    drawn = taught_along(_exact_seam(station), station.told_plate())
+    drawn = taught_along(station.parts.plate.middle_seam(), station.told_plate())
     if station.config.weld.guidance != "scan":
         return drawn
     tracked = track_seam(station, alignment, misplacement)
@@ -71,8 +71,12 @@ def _taught(station: Station, alignment: Alignment, misplacement: RigidTransform
     line_base = np.mean([tracked.seam.points[name] for name in names], axis=0)
     at_m, _, _ = drawn.project(line_base)
     places = drawn.places(at_m)
-    arc_length_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line_base, axis=0), axis=1))])
-    return TaughtPath(arc_length_m=arc_length_m, points_base=line_base, lefts_base=places.lefts, ups_base=places.ups)
+    return TaughtPath(
+        arc_length_m=length_along(line_base),
+        points_base=line_base,
+        lefts_base=places.lefts,
+        ups_base=places.ups,
+    )
 
 
 def _guide(station: Station, taught: TaughtPath, weave: Weave | None) -> Guide:
@@ -93,14 +97,3 @@ def _weave(station: Station) -> Weave | None:
     if config.weave_amplitude_mm == 0:
         raise BadInput("weld.weave_amplitude_mm: found 0, expected more where the torch weaves")
     return Weave(amplitude_m=1e-3 * config.weave_amplitude_mm, frequency_hz=config.weave_hz, shape=shape)
-
-
-def _exact_seam(station: Station) -> Seam:
-    """The middle line of the part's seam, as drawn."""
-    part = station.parts.plate
-    assert part.seam_part is not None
-    return Seam(
-        arc_length_m=part.seam_part.arc_length_m,
-        points={"middle": part.seam_middle()},
-        approach=part.seam_part.approach,
-    )

@@ -31,13 +31,7 @@ def opened(seam: SeamConfig, **settings) -> tuple[Station, TorchPath, TaughtPath
         recording=RecordingConfig(enabled=False),
     )
     station = Station(config, 1, Recording(Path("unused.rrd"), config.recording, title=""), Progress())
-    part = station.parts.plate
-    seam_part = Seam(
-        arc_length_m=part.seam_part.arc_length_m,
-        points={"middle": part.seam_middle()},
-        approach=part.seam_part.approach,
-    )
-    taught = taught_along(seam_part, station.told_plate())
+    taught = taught_along(station.parts.plate.middle_seam(), station.told_plate())
     station.place_plate(RigidTransform.identity())
     alignment = Alignment(T_flange_camera=station.cell.T_flange_camera, tip_flange=station.cell.tip_flange)
     return station, TorchPath.along(taught, config.weld, station, alignment), alignment

@@ -50,11 +50,9 @@ class ByArc:
         if seam.joint in ("fillet", "lap"):
             angle_rad = _GROOVE_ANGLE_RAD
         self._tracker = ThroughArcTracker(ThroughArcSettings(weave=weave, groove_angle_rad=angle_rad))
-        self._end_m, self._lost_m, self._at_m = taught.end_m, float("nan"), taught.start_m
+        self._end_m, self._lost_m = taught.end_m, float("nan")
         self._events: list[TrackerEvent] = []
         self._reason = ""
-        self.readings_count = 0
-        """Weaves that were read."""
 
     @property
     def stop_at_m(self) -> float:
@@ -87,9 +85,7 @@ class ByArc:
         current_a: Float[np.ndarray, "n"],
     ) -> None:
         """Takes samples of the current in, the torch being there."""
-        self._at_m = arc_length_m
         for reading in self._tracker.feed(time_s, phase_rad, current_a):
-            self.readings_count += int(np.isfinite(reading.lateral_m))
             if reading.state in ("lost", "not-observable") and not self._reason:
                 self._reason, self._lost_m = reading.reason, arc_length_m
                 self._events.append(TrackerEvent(time_s=reading.time_s, kind="lost", text=reading.reason))

@@ -51,8 +51,11 @@ class Lookout:
         self._due_s = time_s
 
     def due(self, time_s: float) -> bool:
-        """Whether a picture is to be taken now."""
-        return time_s >= self._due_s - 1e-9
+        """Whether a picture is due now; the next one is a frame later."""
+        if time_s < self._due_s - 1e-9:
+            return False
+        self._due_s += 1 / self._config.frame_hz
+        return True
 
     def look(
         self,
@@ -60,14 +63,9 @@ class Lookout:
         arc_s: float,
         rates_rad_s: Float[np.ndarray, "6"],
         stray_rad: Float[np.ndarray, "6"],
-        *,
-        seeing: bool,
     ) -> None:
-        """Takes the picture that is due (if it is `seeing`), the torch being there, the arm as the station has it."""
+        """Takes a picture, the torch being there, with the arm as the station has it."""
         station = self._station
-        self._due_s += 1 / self._config.frame_hz
-        if not seeing:
-            return
         index, self.index = self.index, self.index + 1
         crossing_m = self._crossing_m(arc_length_m)
         on_seam = self._path.taught.start_m + _MARGIN_M <= crossing_m <= self._path.taught.end_m - _MARGIN_M

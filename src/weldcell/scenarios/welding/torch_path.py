@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from weldcell.cell.configuration import WeldConfig
 from weldcell.cell.errors import OutOfReach
 from weldcell.cell.frames import rigid_from
-from weldcell.cell.seam import Seam
+from weldcell.cell.seam import Seam, length_along
 from weldcell.models.torch import T_FLANGE_TORCH
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.station import Station
@@ -118,8 +118,7 @@ def taught_along(seam: Seam, T_base_part: RigidTransform, spacing_m: float = 1e-
     count = max(2, int(np.ceil((seam.arc_length_m[-1] - seam.arc_length_m[0]) / spacing_m)) + 1)
     at_m = np.linspace(seam.arc_length_m[0], seam.arc_length_m[-1], count)
     points_base = T_base_part.apply(seam.at(name, at_m))
-    ups_part = np.tile([0.0, 0.0, 1.0], (count, 1)) if seam.approach is None else seam.approach_at(at_m)
-    ups_base = T_base_part.rotation.apply(ups_part)
-    arc_length_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_base, axis=0), axis=1))])
+    ups_base = T_base_part.rotation.apply(seam.approach_at(at_m))
+    arc_length_m = length_along(points_base)
     lefts_base = np.cross(ups_base, np.gradient(points_base, arc_length_m, axis=0))
     return TaughtPath(arc_length_m=arc_length_m, points_base=points_base, lefts_base=lefts_base, ups_base=ups_base)

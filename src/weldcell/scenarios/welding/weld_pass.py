@@ -138,17 +138,18 @@ class WeldPass:
 
     def _tick(self, place_m: float) -> None:
         """A tick of the controller, the torch's path being at this place."""
-        wanted, weave_m = self._wanted(place_m), self._weave_m()
+        said = self._guide.deviation(place_m, self._arc_s)
+        wanted, weave_m = self._wanted(place_m, said), self._weave_m()
         readings_rad = self._drive.go(place_m, wanted.lateral_m + weave_m, wanted.vertical_m)
         stray_rad = self._drive.stray_rad(self._now_s)
         self._station.cell.place("plate", self._part.T_base_part(self._arc_s))
         self._station.cell.take(readings_rad + stray_rad)
         self._note(place_m, self._weave_sent_m)
         self._weave_sent_m = weave_m  # the arm gets there a tick later
-        said = self._guide.deviation(place_m, self._arc_s)
         if self._lookout.due(self._now_s):
             self._station.stand_at(readings_rad, self._now_s)
-            self._lookout.look(place_m, self._arc_s, self._drive.rates_rad_s, stray_rad, seeing=self._seeing)
+            if self._seeing:
+                self._lookout.look(place_m, self._arc_s, self._drive.rates_rad_s, stray_rad)
             self._show_track(place_m)
         for sighting in self._lookout.results(self._now_s):
             self._guide.observe(sighting)
@@ -156,9 +157,8 @@ class WeldPass:
         self._fade(said, self._guide.deviation(place_m, self._arc_s))
         self._tell()
 
-    def _wanted(self, place_m: float) -> Deviation:
+    def _wanted(self, place_m: float, said: Deviation) -> Deviation:
         """Where the torch is sent: what the guide says, blended in, with its latest changes fading in."""
-        said = self._guide.deviation(place_m, self._arc_s)
         begin_m, full_m = (self._path.taught.start_m + at_m for at_m in _BLEND_M)
         share = float(np.clip((place_m - begin_m) / (full_m - begin_m), 0, 1))
         share = share * share * (3 - 2 * share)
