@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
+from models.path_slices import place_and_axes, slice_mm
 from weldcell.cell.errors import BadGeometry
 from weldcell.models.joint_kinds import joint_section
 from weldcell.models.joint_section import JointSize
@@ -44,29 +44,6 @@ def changing(kind, path, start_mm, end_mm, tacks=None, **more):
         joint_section(kind, replace(SIZES[kind], root_gap_m=1e-3 * gap), may_close=True) for gap in (start_mm, end_mm)
     )
     return joint_part(first, path, W, tacks, end_section=last, **more)
-
-
-def frame_at(path, x):
-    """Point, travel and left of a path, written anew from the curves' definitions."""
-    if isinstance(path, StraightPath):
-        y, slope = 0.0, 0.0
-    elif isinstance(path, SPath):
-        k = 2 * np.pi / L
-        y, slope = path.amplitude_m * np.sin(k * x), path.amplitude_m * k * np.cos(k * x)
-    else:
-        r = path.radius_m
-        angle, end = np.arcsin(x / r), np.arcsin(L / 2 / r)
-        y, slope = r * (1 - np.cos(angle)) - r * (1 - np.cos(end)) / 2, np.tan(angle)
-    tangent = np.array([1, slope, 0]) / np.hypot(1, slope)
-    return np.array([x, y, 0]), tangent, np.array([-tangent[1], tangent[0], 0])
-
-
-def slice_mm(part, path, x):
-    """Corners (left, up; mm) of the mesh cut across the path at x, within 29 mm of it."""
-    point, tangent, left = frame_at(path, x)
-    lines = trimesh.intersections.mesh_plane(part.mesh_part(), tangent, point)
-    ends = 1e3 * np.stack([(lines - point) @ left, lines[..., 2]], axis=-1).reshape(-1, 2)
-    return ends[np.abs(ends[:, 0]) < 29]
 
 
 def gap_mm(x, start_mm, end_mm, end_share=1.0):
@@ -110,7 +87,7 @@ def test_seam_is_exact_where_the_gap_changes_and_where_it_is_closed(closing):
     for name, (across, up) in FEATURES[kind].items():
         sign = {"left": 1, "right": -1}.get(name, 0)
         for x in (-0.1213, -0.04, 0.0487, 0.0499, 0.0503, 0.11):
-            point, _, left = frame_at(path, x)
+            point, _, left = place_and_axes(path, x)
             gap_m = 1e-3 * gap_mm(x, 1.0, 0.0, **CLOSING)
             expected = point + (1e-3 * across + sign * gap_m / 2) * left + [0, 0, 1e-3 * up]
             assert distance_m(expected, seam.points[name]) < SEAM_M
@@ -163,7 +140,7 @@ def test_the_upper_plate_of_a_lap_lies_askew_over_a_gap_that_opens(path):
         corners = np.array([(0, 6 + gap_mm(x, 0.5, 2.0)), (0, 10 + gap_mm(x, 0.5, 2.0))])
         ends = slice_mm(part, path, x)
         assert np.linalg.norm(corners[:, None] - ends, axis=2).min(axis=1).max() < MESH_MM
-        point, _, _ = frame_at(path, x)
+        point, _, _ = place_and_axes(path, x)
         edge = part.seam_part.points["edge"]
         assert distance_m(point + [0, 0, 1e-3 * corners[1, 1]], edge) < SEAM_M
     level = changing("lap", path, 0.5, 0.5)
@@ -180,7 +157,7 @@ def test_a_height_mismatch_grows_along_the_path(path):
     np.testing.assert_allclose(left[:, 2], 12e-3 + 0.2e-3 + 0.8e-3 * (left[:, 0] / L + 0.5), atol=1e-12)
     np.testing.assert_allclose(right[:, 2], 12e-3, atol=1e-15)
     for x in (-0.12, -0.03, 0.1):
-        point, tangent, across = frame_at(path, x)
+        point, tangent, across = place_and_axes(path, x)
         for line in (left, right):
             ahead = (line - point) @ tangent
             k = int(np.flatnonzero((ahead[:-1] < 0) & (ahead[1:] >= 0))[0])

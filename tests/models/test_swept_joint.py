@@ -5,10 +5,10 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from models.path_slices import place_and_axes, segments_mm, slice_mm
 from weldcell.cell.errors import BadGeometry
 from weldcell.cell.frames import translation
 from weldcell.models.joint_kinds import joint_section
@@ -66,34 +66,6 @@ OUTLINES = {
 CORNERS = {  # every corner of a slice that is an edge of the part; V without gap and all: between 20 mm either side
     kind: [point for line in lines for point in line if abs(point[0]) < 20] for kind, lines in OUTLINES.items()
 }
-
-
-def place_and_axes(path, x):
-    """Point, travel and left of a path, written anew from the curves' definitions."""
-    if isinstance(path, StraightPath):
-        y, slope = 0.0, 0.0
-    elif isinstance(path, SPath):
-        k = 2 * np.pi / L
-        y, slope = path.amplitude_m * np.sin(k * x), path.amplitude_m * k * np.cos(k * x)
-    else:
-        r = path.radius_m
-        angle, end = np.arcsin(x / r), np.arcsin(L / 2 / r)
-        y, slope = r * (1 - np.cos(angle)) - r * (1 - np.cos(end)) / 2, np.tan(angle)
-    tangent = np.array([1, slope, 0]) / np.hypot(1, slope)
-    return np.array([x, y, 0]), tangent, np.array([-tangent[1], tangent[0], 0])
-
-
-def segments_mm(part, path, x):
-    """Segments (left, up) of the mesh cut across the path at x."""
-    point, tangent, left = place_and_axes(path, x)
-    lines = trimesh.intersections.mesh_plane(part.mesh_part(), tangent, point)
-    return 1e3 * np.stack([(lines - point) @ left, lines[..., 2]], axis=-1)
-
-
-def slice_mm(part, path, x):
-    """Their ends within 29 mm of the path."""
-    ends = segments_mm(part, path, x).reshape(-1, 2)
-    return ends[np.abs(ends[:, 0]) < 29]
 
 
 def path_x(path, point, across):

@@ -10,11 +10,12 @@ from rerun.chunk import RrdReader
 from weldcell.cell.errors import BadInput
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.command_line import main
-from weldcell.scenarios.morphology_track import MorphologyWatch, WatchedStation, morphology_metrics, track_both
+from weldcell.scenarios.morphology_track import MorphologyWatch, morphology_metrics, track_both
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
 from weldcell.scenarios.seam_tracking import seam_metrics
 from weldcell.scenarios.settings import resolve
+from weldcell.scenarios.station import Station
 
 FRAMES = 20
 STEPS = ("median", "bright", "pieces", "dilated", "eroded", "difference", "seam")
@@ -27,13 +28,13 @@ CONTRACT = {
 }
 
 
-def opened(seed: int, **options) -> WatchedStation:
+def opened(seed: int, **options) -> Station:
     """The cell with a robot without errors, and half the part."""
     short = {"length_mm": 150.0, "surface_wave_mm": 5.0, "amplitude_mm": 4.0, "frames": FRAMES}
     given = {"robot": "perfect", "recording.enabled": False} | {f"seam.{name}": value for name, value in short.items()}
     given |= {name.replace("__", "."): value for name, value in options.items()}
     config = resolve("u-seam", options=given).config
-    return WatchedStation(config, seed, Recording(Path("unused.rrd"), config.recording, title=""), Progress())
+    return Station(config, seed, Recording(Path("unused.rrd"), config.recording, title=""), Progress())
 
 
 @pytest.mark.parametrize(("seed", "preset", "material"), [(2, "p1", "ground-steel"), (3, "p2", "mill-scale")])

@@ -22,8 +22,8 @@ from weldcell.calib.turns import weigh_turns
 from weldcell.calib.verdict import (
     Block,
     Finding,
+    Judged,
     Observability,
-    Verdict,
     judge,
     observe,
     weigh_condition,
@@ -77,8 +77,11 @@ class BoardHandEyeProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BoardHandEyeResult:
-    """The camera on the flange, and what speaks for and against it. Where refused, it is not an answer."""
+class BoardHandEyeResult(Judged):
+    """The camera on the flange.
+
+    In the condition number rotations count by what they move at the mean board distance.
+    """
 
     T_flange_camera: RigidTransform
     T_base_board: RigidTransform
@@ -90,13 +93,7 @@ class BoardHandEyeResult:
     """Each board pose against the expected one: turn (rad), then shift (m), camera axes."""
     rms_m: float
     """Root mean square length of the residuals' shifts."""
-    condition_number: float
-    """Of the scaled Jacobian (rotations count by what they move at the mean board distance)."""
-    observability: tuple[str, ...]
-    """Directions that the poses hardly determine, in words; empty if none."""
     converged: bool
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

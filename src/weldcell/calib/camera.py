@@ -28,6 +28,7 @@ from weldcell.calib.verdict import (
     DOUBTFUL_CONDITION,
     REFUSED_CONDITION,
     Finding,
+    Judged,
     Verdict,
     judge,
     weigh_convergence,
@@ -79,8 +80,11 @@ class CameraProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CameraResult:
-    """The camera, and how well it is known."""
+class CameraResult(Judged):
+    """The camera, and how well it is known.
+
+    The condition number is that of the intrinsics, scaled to pixels at the picture's corner.
+    """
 
     camera: CameraModel
     T_camera_board: RigidTransform
@@ -98,12 +102,6 @@ class CameraResult:
     picture_rms_px: Float[np.ndarray, "k"]
     outlying: tuple[int, ...]
     """Pictures that miss by far more than the others."""
-    condition_number: float
-    """Of the intrinsics, scaled to pixels at the picture's corner."""
-    observability: tuple[str, ...]
-    """Directions that the pictures leave open, in words."""
-    verdict: Verdict
-    reasons: tuple[str, ...]
     adjusted: Adjusted
 
 

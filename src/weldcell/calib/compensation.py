@@ -23,7 +23,7 @@ from weldcell.calib.sight_model import (
     targets_base,
 )
 from weldcell.calib.verdict import (
-    Verdict,
+    Judged,
     judge,
     observe,
     weigh_condition,
@@ -70,8 +70,11 @@ class CompensationProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CompensationResult:
-    """The compensated camera on the flange. Where refused, it is not an answer."""
+class CompensationResult(Judged):
+    """The compensated camera on the flange.
+
+    In the condition number rotations count by what they move at the mean sight distance.
+    """
 
     T_flange_camera: RigidTransform
     covariance: Float[np.ndarray, "6 6"]
@@ -87,13 +90,7 @@ class CompensationResult:
     """Root mean square length of the residuals."""
     weights: Float[np.ndarray, "n"]
     """1 for a sight that fits, towards 0 for one that does not."""
-    condition_number: float
-    """Of the scaled Jacobian (rotations count by what they move at the mean sight distance)."""
-    observability: tuple[str, ...]
-    """Directions that the sights hardly determine, in words; empty if none."""
     converged: bool
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: CompensationProblem) -> CompensationResult:

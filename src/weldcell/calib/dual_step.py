@@ -23,7 +23,7 @@ from weldcell.calib.laser_plane import plane_blocks
 from weldcell.calib.least_squares import fit, without_others
 from weldcell.calib.verdict import (
     Finding,
-    Verdict,
+    Judged,
     judge,
     observe,
     weigh_condition,
@@ -83,7 +83,7 @@ class DualStepProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DualStepResult:
+class DualStepResult(Judged):
     """The light plane, and how well it is known."""
 
     plane: LaserPlane
@@ -93,10 +93,6 @@ class DualStepResult:
     """Distance from the level across the stripe."""
     rms_m: float
     """Root mean square height of points above or below their levels."""
-    condition_number: float
-    observability: tuple[str, ...]
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: DualStepProblem) -> DualStepResult:

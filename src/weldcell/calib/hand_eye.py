@@ -30,8 +30,8 @@ from weldcell.calib.sight_model import (
 from weldcell.calib.turns import weigh_turns
 from weldcell.calib.verdict import (
     Finding,
+    Judged,
     Observability,
-    Verdict,
     judge,
     observe,
     weigh_condition,
@@ -82,8 +82,8 @@ class HandEyeProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HandEyeResult:
-    """The camera on the flange, and what speaks for and against it. Where refused, it is not an answer."""
+class HandEyeResult(Judged):
+    """The camera on the flange."""
 
     T_flange_camera: RigidTransform
     target_base: Float[np.ndarray, "3"]
@@ -101,15 +101,9 @@ class HandEyeResult:
     rotation_condition: float
     """Scaled condition number of the first step (rotations count by what they move at the mean sight distance)."""
     translation_condition: float
-    """Condition number of the second step."""
-    condition_number: float
-    """The larger of the two."""
-    observability: tuple[str, ...]
-    """Directions that the poses hardly determine, in words; empty if none."""
+    """Condition number of the second step; `condition_number` is the larger of the two."""
     converged: bool
     """Both steps are closed forms: false only where they have no unique solution."""
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: HandEyeProblem) -> HandEyeResult:

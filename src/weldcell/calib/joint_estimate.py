@@ -28,8 +28,8 @@ from weldcell.calib.verdict import (
     REFUSED_CONDITION,
     Block,
     Finding,
+    Judged,
     Observability,
-    Verdict,
     judge,
     observe,
     weigh_condition,
@@ -47,8 +47,11 @@ _INFLATE_SIGMAS = 3.0  # the residuals' sum of squares is larger than promised o
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class JointResult:
-    """Everything that was estimated, and what speaks for and against it. Where refused, it is not an answer."""
+class JointResult(Judged):
+    """Everything that was estimated.
+
+    The condition number is that of camera, tip and targets, scaled, with the other unknowns integrated out.
+    """
 
     T_flange_camera: RigidTransform
     tip_flange: Float[np.ndarray, "3"]
@@ -76,13 +79,7 @@ class JointResult:
     """Root mean square of the kept sights' residuals."""
     leave_one_out_rms_m: float
     """The same, each sight compared with what the estimate without it predicts."""
-    condition_number: float
-    """Of camera, tip and targets, scaled, with the other unknowns integrated out."""
-    observability: tuple[str, ...]
-    """Directions of these that are hardly determined, in words; empty if none."""
     converged: bool
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
     @property
     def covariance(self) -> Float[np.ndarray, "6 6"]:

@@ -33,8 +33,8 @@ from weldcell.calib.least_squares import fit
 from weldcell.calib.verdict import (
     Block,
     Finding,
+    Judged,
     Observability,
-    Verdict,
     judge,
     observe,
     weigh_condition,
@@ -81,7 +81,7 @@ class LaserPlaneProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LaserPlaneResult:
+class LaserPlaneResult(Judged):
     """The light plane, and how well it is known."""
 
     plane: LaserPlane
@@ -98,10 +98,6 @@ class LaserPlaneResult:
     """Root mean square distance of corners from where they were expected."""
     leave_one_out_rms_m: float
     """How far a picture's stripe points lie from the plane that the other pictures give."""
-    condition_number: float
-    observability: tuple[str, ...]
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

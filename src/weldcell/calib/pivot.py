@@ -16,6 +16,7 @@ from weldcell.calib.turns import weigh_turns
 from weldcell.calib.verdict import (
     Block,
     Finding,
+    Judged,
     Observability,
     Verdict,
     judge,
@@ -46,8 +47,11 @@ class PivotProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PivotResult:
-    """The tip, and what speaks for and against it. Where refused, it is not an answer."""
+class PivotResult(Judged):
+    """The tip.
+
+    The condition number is that of the sound poses' Jacobian; all parameters are lengths.
+    """
 
     tip_flange: Float[np.ndarray, "3"]
     """The tip (m)."""
@@ -63,12 +67,6 @@ class PivotResult:
     """Root mean square length of the sound poses' residuals."""
     leave_one_out_rms_m: float
     """The same of each sound pose against the estimate without it; NaN where one pose is indispensable."""
-    condition_number: float
-    """Of the sound poses' Jacobian; all parameters are lengths."""
-    observability: tuple[str, ...]
-    """Directions that the poses hardly determine, in words; empty if none."""
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: PivotProblem) -> PivotResult:

@@ -22,7 +22,7 @@ from weldcell.calib.turns import weigh_turns
 from weldcell.calib.verdict import (
     REFUSED_CONDITION,
     Finding,
-    Verdict,
+    Judged,
     judge,
     weigh_condition,
     weigh_convergence,
@@ -36,8 +36,11 @@ _FEWEST = 3  # poses of one orientation, or free ones with a target of their own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RobustHandEyeResult:
-    """The camera on the flange from the sound rows. Where refused, it is not an answer."""
+class RobustHandEyeResult(Judged):
+    """The camera on the flange from the sound rows.
+
+    The condition number is the largest of the joint estimate's and of the two steps'.
+    """
 
     T_flange_camera: RigidTransform
     targets_base: Float[np.ndarray, "g 3"]
@@ -54,12 +57,6 @@ class RobustHandEyeResult:
     """Root mean square length of the sound rows' residuals."""
     leave_one_out_rms_m: float
     """The same of each sound row against the estimate without it; NaN where one row is indispensable."""
-    condition_number: float
-    """The largest of the joint estimate's and of the two steps' (scaled)."""
-    observability: tuple[str, ...]
-    """Directions that the sound rows hardly determine, in words; empty if none."""
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: HandEyeProblem) -> RobustHandEyeResult:

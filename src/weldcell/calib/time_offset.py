@@ -20,8 +20,8 @@ from weldcell.calib.sight_model import jacobian_of, lever_m, perturbed, right_ja
 from weldcell.calib.verdict import (
     Block,
     Finding,
+    Judged,
     Observability,
-    Verdict,
     judge,
     observe,
     weigh_condition,
@@ -96,8 +96,11 @@ class TimeOffsetProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TimeOffsetResult:
-    """The offset, and what speaks for and against it. Where refused, it is not an answer."""
+class TimeOffsetResult(Judged):
+    """The offset.
+
+    In the condition number a second counts by what it moves at 50 mm/s.
+    """
 
     offset_s: float
     """Add it to a picture's stamp to get the controller's time."""
@@ -112,13 +115,7 @@ class TimeOffsetResult:
     """Where each picture that counts puts the target, less `target_base` (m)."""
     rms_m: float
     """Root mean square length of the residuals."""
-    condition_number: float
-    """Of the scaled Jacobian (a second counts by what it moves at 50 mm/s)."""
-    observability: tuple[str, ...]
-    """Directions that the motion hardly determines, in words; empty if none."""
     converged: bool
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: TimeOffsetProblem) -> TimeOffsetResult:

@@ -16,8 +16,8 @@ from weldcell.calib.least_squares import Fit, Model, fit, robust_spread
 from weldcell.calib.verdict import (
     Block,
     Finding,
+    Judged,
     Observability,
-    Verdict,
     judge,
     observe,
     weigh_condition,
@@ -67,8 +67,8 @@ class TouchProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TouchResult:
-    """Sphere and tip, and what speaks for and against them. Where refused, they are not an answer."""
+class TouchResult(Judged):
+    """Sphere and tip; all parameters are lengths."""
 
     centre_base: Float[np.ndarray, "3"]
     """The sphere's centre (m)."""
@@ -82,13 +82,7 @@ class TouchResult:
     """The touches that the estimate rests on; the others are outliers."""
     rms_m: float
     """Root mean square of the sound touches' residuals."""
-    condition_number: float
-    """Of the Jacobian; all parameters are lengths."""
-    observability: tuple[str, ...]
-    """Directions that the touches hardly determine, in words; empty if none."""
     converged: bool
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: TouchProblem) -> TouchResult:

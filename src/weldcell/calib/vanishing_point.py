@@ -20,7 +20,7 @@ from weldcell.calib.laser_plane import facing_away, plane_blocks
 from weldcell.calib.least_squares import fit, without_others
 from weldcell.calib.verdict import (
     Finding,
-    Verdict,
+    Judged,
     judge,
     observe,
     weigh_condition,
@@ -57,7 +57,7 @@ class VanishingPointProblem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class VanishingPointResult:
+class VanishingPointResult(Judged):
     """The light plane, and the vanishing point of its depth direction."""
 
     plane: LaserPlane
@@ -69,10 +69,6 @@ class VanishingPointResult:
     """Of the normal's two tilts along the laser frame's x and z (rad) and the offset (m)."""
     residuals_px: Float[np.ndarray, "boards lines 2"]
     rms_px: float
-    condition_number: float
-    observability: tuple[str, ...]
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def solve(problem: VanishingPointProblem) -> VanishingPointResult:

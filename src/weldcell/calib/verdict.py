@@ -57,6 +57,19 @@ class Finding:
     reason: str
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judged:
+    """What speaks for and against a calibration's result. Where refused, the result is not an answer."""
+
+    condition_number: float
+    """Of the scaled Jacobian; infinite if a direction is open."""
+    observability: tuple[str, ...]
+    """Directions that the data hardly determine, in words; empty if none."""
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    """What speaks against the result, in words, the worst first."""
+
+
 def observe(jacobian: Float[np.ndarray, "rows p"], blocks: Sequence[Block]) -> Observability:
     """Rank, scaled condition number and weak directions of the parameters that `blocks` describe."""
     units_m = np.repeat([block.unit_m for block in blocks], [block.size for block in blocks])

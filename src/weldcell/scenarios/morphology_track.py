@@ -6,17 +6,15 @@ centre line, across the seam, is reported as well.
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import BadInput, JobFailed
-from weldcell.cell.profile import JointFeatures
-from weldcell.cell.randomness import generator
 from weldcell.cell.seam import distance_to_polyline, nearest_on_polyline
 from weldcell.scenarios.alignment import Alignment
-from weldcell.scenarios.seam_tracking import TrackedSeam, exact_seam_base, track_seam
+from weldcell.scenarios.seam_tracking import TrackedSeam, exact_seam_base, tips_along, track_seam
 from weldcell.scenarios.station import Sight, Station
 from weldcell.tracking.morphology import seam_point
 from weldcell.tracking.seam_fit import fit_seam
@@ -48,29 +46,13 @@ class MorphologyWatch:
         self.points_px.append(found.point_px)
 
 
-class WatchedStation(Station):
-    """A station that has each logged sight looked at by morphology while `watch` is set."""
-
-    watch: MorphologyWatch | None = None
-
-    def __enter__(self) -> "WatchedStation":
-        return self
-
-    def log_sight(self, sight: Sight, T_flange_camera: RigidTransform, joint: JointFeatures | None = None) -> None:
-        super().log_sight(sight, T_flange_camera, joint)
-        if self.watch is not None:
-            self.watch.look(self, sight)
-
-
-def track_both(station: WatchedStation, alignment: Alignment) -> tuple[TrackedSeam, MorphologyWatch]:
+def track_both(station: Station, alignment: Alignment) -> tuple[TrackedSeam, MorphologyWatch]:
     """The seam as `track_seam` finds it, and the morphological points of the same pictures."""
     drawn = station.parts.plate.seam_part
     if drawn is None or not {"left", "right"} <= set(drawn.points):
         raise BadInput(f"seam.joint: found {station.config.seam.joint}, expected a joint with a left and a right edge")
-    station.watch = MorphologyWatch()
-    tracked = track_seam(station, alignment)
-    watch, station.watch = station.watch, None
-    return tracked, watch
+    watch = MorphologyWatch()
+    return track_seam(station, alignment, watch=partial(watch.look, station)), watch
 
 
 def morphology_metrics(
@@ -108,13 +90,8 @@ def _tips_base(
         station.note(f"morphology: {failure}")
         return None
     station.recording.log_lines("by morphology", seam.points, frame=station.frame, time_s=station.time_s)
-    tips = []
     places_m = np.linspace(seam.arc_length_m[0], seam.arc_length_m[-1], len(points_camera))
-    for index, point_base in enumerate(seam.at("centre", places_m)):
-        rng = generator(station.seed, "seam/send/morphology", index)
-        rotation = tracked.T_base_flange[index].rotation
-        tips.append(station.send_torch(point_base, rotation, alignment.tip_flange, rng, alignment.arm))
-    return np.array(tips)
+    return tips_along(station, tracked, alignment, seam.at("centre", places_m), "morphology")
 
 
 def _lateral_m(

@@ -1,5 +1,6 @@
 """A seam scanned along its taught path, fitted, and compared with the exact one: sensor alone, and torch."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from weldcell.cell.seam import Seam, distance_to_polyline
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.scanning import ScanPath, first_carried, scan
 from weldcell.scenarios.seam_view import view_paths
-from weldcell.scenarios.station import Station
+from weldcell.scenarios.station import Sight, Station
 from weldcell.tracking.joint import JOINT_KINDS, find_joint
 from weldcell.tracking.seam_fit import fit_seam
 
@@ -39,10 +40,15 @@ class TrackedSeam:
     """The fitted seam in the base, sampled at the frames."""
 
 
-def track_seam(station: Station, alignment: Alignment, misplacement: RigidTransform | None = None) -> TrackedSeam:
+def track_seam(
+    station: Station,
+    alignment: Alignment,
+    misplacement: RigidTransform | None = None,
+    watch: Callable[[Sight], None] | None = None,
+) -> TrackedSeam:
     """Scans the plate, which is off by so much (drawn unless given), and fits its seam.
 
-    Raises JobFailed if the seam was not found.
+    `watch` gets each sight once it is logged. Raises JobFailed if the seam was not found.
     """
     station.begin("seam", "Seam")
     station.place_plate(misplacement)
@@ -53,6 +59,8 @@ def track_seam(station: Station, alignment: Alignment, misplacement: RigidTransf
         joint = find_joint(sight.profile, kind, station.belief.plane, previous=previous)
         previous = joint if joint.valid else previous
         station.log_sight(sight, alignment.T_flange_camera, joint)
+        if watch is not None:
+            watch(sight)
         frames.append(sight.frame)
         times_s.append(sight.shot.time_s)
         joints_rad.append(sight.joints_rad)
@@ -97,9 +105,10 @@ def seam_metrics(station: Station, tracked: TrackedSeam, alignment: Alignment) -
     """Torch errors of the fitted seam against the exact one over all frames, and the sensor's own in single frames."""
     exact = exact_seam_base(station)
     names = [name for name in tracked.points_base if name in exact]
-    errors_mm = {
-        name: 1e3 * distance_to_polyline(_tips_base(station, tracked, alignment, name), exact[name]) for name in names
-    }
+    errors_mm = {}
+    for name in names:
+        tips_base = tips_along(station, tracked, alignment, tracked.seam.points[name], name)
+        errors_mm[name] = 1e3 * distance_to_polyline(tips_base, exact[name])
     for kind, lines in (("true", exact), ("measured", tracked.seam.points)):
         station.recording.log_lines(kind, lines, frame=station.frame, time_s=station.time_s)
     station.recording.log_errors(tracked.frames, tracked.times_s, errors_mm)
@@ -122,10 +131,15 @@ def exact_seam_base(station: Station) -> dict[str, Float[np.ndarray, "m 3"]]:
     return {name: T_base_part.apply(line) for name, line in seam_part.points.items()}
 
 
-def _tips_base(station: Station, tracked: TrackedSeam, alignment: Alignment, name: str) -> Float[np.ndarray, "n 3"]:
-    """Where the actual tip goes when it is sent along one line of the fitted seam."""
+def tips_along(
+    station: Station, tracked: TrackedSeam, alignment: Alignment, line_base: Float[np.ndarray, "n 3"], name: str
+) -> Float[np.ndarray, "n 3"]:
+    """Where the actual tip goes when it is sent along a line, each point with the flange turned as in its frame.
+
+    `name` tells this line's repeatability errors from those of others.
+    """
     tips = []
-    for index, point_base in enumerate(tracked.seam.points[name]):
+    for index, point_base in enumerate(line_base):
         rng = generator(station.seed, f"seam/send/{name}", index)
         rotation = tracked.T_base_flange[index].rotation
         tips.append(station.send_torch(point_base, rotation, alignment.tip_flange, rng, alignment.arm))

@@ -1,20 +1,15 @@
 """P1's experiment: 300 pictures along the U seam on a free-form surface, the fitted track against the exact one."""
 
 from weldcell.scenarios.job import Job, Outcome
-from weldcell.scenarios.morphology_track import WatchedStation, morphology_metrics, track_both
-from weldcell.scenarios.recipe import conclude, write_calibration
-from weldcell.scenarios.recording import Recording
+from weldcell.scenarios.morphology_track import morphology_metrics, track_both
+from weldcell.scenarios.recipe import conclude, station_for, write_calibration
 from weldcell.scenarios.seam_tracking import seam_metrics
 from weldcell.scenarios.sensor_setup import set_up_sensor
 
 
 def run(job: Job) -> Outcome:
     """Torch errors along the seam, by the joint's finder and by P1's morphology."""
-    title = f"{job.scenario}, robot {job.config.robot}, seed {job.seed}"
-    with (
-        Recording(job.recording_path, job.config.recording, title=title) as recording,
-        WatchedStation(job.config, job.seed, recording, job.progress) as station,
-    ):
+    with station_for(job) as station:
         setup = set_up_sensor(station)
         write_calibration(job, setup)
         tracked, watch = track_both(station, setup.after)

@@ -10,7 +10,7 @@ from itertools import permutations
 
 import numpy as np
 
-from weldcell.tracking.bevel_foot import bevel_foot
+from weldcell.tracking.bevel_foot import Foot, bevel_foot
 from weldcell.tracking.candidates import (
     EXPLAINED_M,
     MOST_SIGMA_M,
@@ -47,7 +47,6 @@ _GUARD_SHARE = 0.15
 _BESIDE_M = 6e-3
 _COUNTED_M = 1.5e-2  # of plate and bevel, to tell what strays are usual on them
 _BEYOND_M = 2e-3
-_ROUNDS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +67,17 @@ class _Bevel:
     def anchor_m(self) -> float:
         """x of the square edge in the section as it was."""
         return -self.square.start_m if self.flipped else self.square.start_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Lines:
+    """What was fitted to the three pieces, and the bevelled edge."""
+
+    plate: Curve
+    bevel: Curve
+    square: Curve
+    edge: Corner
+    """Where plate and bevel cross."""
 
 
 def find_bevel(
@@ -134,71 +144,106 @@ def _explained_points(section: Section, one: _Bevel) -> float:
 
 
 def _refined(section: Section, one: _Bevel, margin: float, previous_kept_depth_m: float | None) -> Found:
-    edge_m, foot_m, square_m = one.edge_m, one.bevel.end_m, one.square.start_m
-    plate, bevel, square = (line_curve(piece.slope, piece.intercept_m) for piece in (one.plate, one.bevel, one.square))
-    edge: Corner | None = None
-    for turn in range(_ROUNDS):
-        degree = 3 if turn == _ROUNDS - 1 else 1
-        guard_m = min(_GUARD_M, _GUARD_SHARE * abs(foot_m - edge_m))
-        fits = (
-            _fitted(section, plate, max(one.plate.start_m, edge_m - PLATE_LENGTH_M), edge_m - guard_m, degree),
-            _fitted(section, bevel, edge_m + guard_m, foot_m - guard_m, 1),
-            _fitted(section, square, square_m, min(one.square.end_m, square_m + PLATE_LENGTH_M), degree),
-        )
-        complaint = _complaint(fits)
-        if complaint:
-            return Found(reason=complaint)
-        plate, bevel, square = (fit for fit in fits if fit is not None)
-        edge = curves_cross(plate, bevel, edge_m)
-        if edge is None or not plate.angle_at(edge.x_m) + _LEAST_TURN_RAD <= bevel.angle_at(edge.x_m):
-            return Found(reason="no single bevel: the lines fitted to the pieces do not form one")
-        edge_m = edge.x_m
-    assert edge is not None
-    square_end = curve_end(
-        section,
-        square,
-        min(square_m + _COUNTED_M, one.square.end_m),
-        square_m - _BEYOND_M,
-        beyond=bevel,
-        lost_share=PLATE_LOST_SHARE,
-    )
-    if square_end is None:
-        return Found(reason="no single bevel: its square edge has no end")
-    bevel_end = curve_end(section, bevel, max(edge_m, foot_m - _COUNTED_M), square_end.corner.x_m)
-    if bevel_end is None or bevel_end.corner.x_m <= edge_m:
-        return Found(reason="no single bevel: its bevel has no end")
-    foot = bevel_foot(section, square, bevel, square_end.corner, bevel_end.corner, previous_kept_depth_m)
-    higher_m = mismatch_m(plate, edge, square, foot.edge)
-    root = _between_members(foot.root, square, higher_m)
-    corners = (edge, root, foot.edge)
-    model = [
-        (plate, edge_m - _BESIDE_M, edge_m),
-        (bevel, edge_m, bevel_end.corner.x_m),
-        (square, square_end.corner.x_m, square_end.corner.x_m + _BESIDE_M),
-    ]
-    inside = (section.x_m >= model[0][1]) & (section.x_m <= model[2][2])
-    on_bevel = (section.x_m >= edge_m) & (section.x_m <= square_end.corner.x_m)
-    on = on_model(section, model)
-    explained = min(float(on[inside].mean()), float(on[on_bevel].mean()) if on_bevel.any() else 0.0)
+    lines = _fitted_lines(section, one)
+    if isinstance(lines, str):
+        return Found(reason=lines)
+    ends = _ends(section, one, lines)
+    if isinstance(ends, str):
+        return Found(reason=ends)
+    square_end, bevel_end = ends
+    foot = bevel_foot(section, lines.square, lines.bevel, square_end, bevel_end, previous_kept_depth_m)
+    higher_m = mismatch_m(lines.plate, lines.edge, lines.square, foot.edge)
+    corners = (lines.edge, _between_members(foot.root, lines.square, higher_m), foot.edge)
+    explained = _explained(section, lines, square_end, bevel_end)
     if explained < _LEAST_EXPLAINED:
         return Found(reason="no single bevel: most points between its edges lie off the bevel")
     worst = max(corner.sigma_m for corner in corners)
     if worst > MOST_SIGMA_M:
         return Found(reason=f"single bevel too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
+    unflipped = tuple(replace(corner, x_m=-corner.x_m) for corner in corners)
+    return Found(
+        corners=unflipped if one.flipped else corners[::-1],
+        measures=_measures(one, lines, foot, -higher_m if one.flipped else higher_m),
+        trust=Trust(
+            explained=explained, margin=margin, support=min(lines.plate.count, lines.bevel.count, lines.square.count)
+        ),
+    )
+
+
+def _fitted_lines(section: Section, one: _Bevel) -> _Lines | str:
+    """All lines straight first, then the plates bent if they are; or why they form no bevel."""
+    plate, bevel, square = (line_curve(piece.slope, piece.intercept_m) for piece in (one.plate, one.bevel, one.square))
+    straight = _fitted_about(section, one, (plate, bevel, square), one.edge_m, 1)
+    if isinstance(straight, str):
+        return straight
+    return _fitted_about(section, one, (straight.plate, straight.bevel, straight.square), straight.edge.x_m, 3)
+
+
+def _fitted_about(
+    section: Section, one: _Bevel, starts: tuple[Curve, Curve, Curve], edge_m: float, plate_degree: int
+) -> _Lines | str:
+    """Lines fitted on both sides of a bevelled edge that is known roughly; or why they form no bevel."""
+    foot_m, square_m = one.bevel.end_m, one.square.start_m
+    first_m = max(one.plate.start_m, edge_m - PLATE_LENGTH_M)
+    last_m = min(one.square.end_m, square_m + PLATE_LENGTH_M)
+    guard_m = min(_GUARD_M, _GUARD_SHARE * abs(foot_m - edge_m))
+    fits = (
+        _fitted(section, starts[0], first_m, edge_m - guard_m, plate_degree),
+        _fitted(section, starts[1], edge_m + guard_m, foot_m - guard_m, 1),
+        _fitted(section, starts[2], square_m, last_m, plate_degree),
+    )
+    complaint = _complaint(fits)
+    if complaint:
+        return complaint
+    plate, bevel, square = (fit for fit in fits if fit is not None)
+    edge = curves_cross(plate, bevel, edge_m)
+    if edge is None or not plate.angle_at(edge.x_m) + _LEAST_TURN_RAD <= bevel.angle_at(edge.x_m):
+        return "no single bevel: the lines fitted to the pieces do not form one"
+    return _Lines(plate=plate, bevel=bevel, square=square, edge=edge)
+
+
+def _ends(section: Section, one: _Bevel, lines: _Lines) -> tuple[Corner, Corner] | str:
+    """Where the square plate and the bevel end towards each other, or which of them has no end."""
+    edge_m, foot_m, square_m = lines.edge.x_m, one.bevel.end_m, one.square.start_m
+    square_end = curve_end(
+        section,
+        lines.square,
+        min(square_m + _COUNTED_M, one.square.end_m),
+        square_m - _BEYOND_M,
+        beyond=lines.bevel,
+        lost_share=PLATE_LOST_SHARE,
+    )
+    if square_end is None:
+        return "no single bevel: its square edge has no end"
+    bevel_end = curve_end(section, lines.bevel, max(edge_m, foot_m - _COUNTED_M), square_end.corner.x_m)
+    if bevel_end is None or bevel_end.corner.x_m <= edge_m:
+        return "no single bevel: its bevel has no end"
+    return square_end.corner, bevel_end.corner
+
+
+def _explained(section: Section, lines: _Lines, square_end: Corner, bevel_end: Corner) -> float:
+    """Share of the points on the lines: of all about the joint, or of those over the bevel where that is less."""
+    edge_m = lines.edge.x_m
+    model = [
+        (lines.plate, edge_m - _BESIDE_M, edge_m),
+        (lines.bevel, edge_m, bevel_end.x_m),
+        (lines.square, square_end.x_m, square_end.x_m + _BESIDE_M),
+    ]
+    inside = (section.x_m >= model[0][1]) & (section.x_m <= model[2][2])
+    on_bevel = (section.x_m >= edge_m) & (section.x_m <= square_end.x_m)
+    on = on_model(section, model)
+    return min(float(on[inside].mean()), float(on[on_bevel].mean()) if on_bevel.any() else 0.0)
+
+
+def _measures(one: _Bevel, lines: _Lines, foot: Foot, higher_m: float) -> dict[str, float]:
+    turn_rad = lines.bevel.angle_at(lines.edge.x_m) - lines.square.angle_at(one.square.start_m)
     measures = {
         "gap_m": foot.gap_m,
-        "bevel_angle_rad": np.pi / 2 - (bevel.angle_at(edge_m) - square.angle_at(square_m)),
+        "bevel_angle_rad": np.pi / 2 - turn_rad,
         "mismatch_m": higher_m,
         "depth_m": foot.depth_m,
     }
-    if foot.kept_depth_m is not None:
-        measures["kept_depth_m"] = foot.kept_depth_m
-    trust = Trust(explained=explained, margin=margin, support=min(plate.count, bevel.count, square.count))
-    if one.flipped:
-        measures["mismatch_m"] *= -1
-        unflipped = tuple(replace(corner, x_m=-corner.x_m) for corner in corners)
-        return Found(corners=unflipped, measures=measures, trust=trust)
-    return Found(corners=corners[::-1], measures=measures, trust=trust)
+    return measures if foot.kept_depth_m is None else measures | {"kept_depth_m": foot.kept_depth_m}
 
 
 def _between_members(root: Corner, square: Curve, higher_m: float) -> Corner:

@@ -27,6 +27,7 @@ from weldcell.tracking.curve_end import PLATE_LOST_SHARE, curve_end
 from weldcell.tracking.curves import Curve, fit_curve, flipped_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.groove_drawing import Drawing, fit_drawing
+from weldcell.tracking.groove_edge import BESIDE_M, groove_edge, plate_depth
 from weldcell.tracking.pieces import Piece, flipped_piece, straight_pieces
 from weldcell.tracking.plates_frame import PlatesFrame, plates_frame
 from weldcell.tracking.section import Corner, Section
@@ -41,14 +42,6 @@ _LEAST_PLATE_M = 3e-3
 _WIDTH_M = (2e-3, 6e-2)
 _LEAST_DEPTH_M = 1.5e-3
 _GUARD_M = 4e-4
-_BESIDE_M = 3e-3
-_SURE_M = 1e-4  # a wall that tells its edge less well is as good as not seen
-_EDGE_SLACK_M = 5e-4
-_EDGES_APART_M = 3e-4
-_LEAST_NATS = 10.0
-_MOST_UNSEEN_M = 8e-3  # of a plate before its edge, if the wall tells that
-_FEW_SEEN, _FEW_SEEN_SHARE = 2, 0.1  # of the columns in between: strays
-_END_HIDDEN = 0.07  # share of plates' ends beside unseen walls that are no edges
 _LOPSIDED_SHARE = 0.1
 _FEWEST_BETWEEN = 15
 _MOST_RISEN_M = 1.5e-3
@@ -145,24 +138,14 @@ def _plate(section: Section, piece: Piece, edge_m: float) -> Curve | None:
 def _u_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float) -> Found:
     right_m, left_m = opening.right.end_m, opening.left.start_m
     frame = plates_frame(plates, right_m, left_m)
-    inside = (section.x_m > right_m - _GUARD_M) & (section.x_m < left_m + _GUARD_M)
-    part = frame.of(section.only(inside))
-    below = part.z_m > _GUARD_M  # the plates' ends are known already
-    s = (np.array([[right_m, plates[0].z_at(right_m)], [left_m, plates[1].z_at(left_m)]]) - frame.origin) @ frame.axes.T
-    fitted = fit_drawing(
-        part.only(below), float(s[0, 0]), float(s[1, 0]), sides=(True, True), higher_m=float(s[0, 1] - s[1, 1])
-    )
+    fitted = _u_drawing(section, frame, plates, right_m, left_m)
     if isinstance(fitted, str):
         return Found(reason=f"no U groove: {fitted}")
-    right = _edge(section, frame, plates[0], fitted, -1, right_m)
-    left = _edge(section, frame, plates[1], fitted, 1, left_m)
+    right = groove_edge(section, frame, plates[0], fitted, -1, right_m)
+    left = groove_edge(section, frame, plates[1], fitted, 1, left_m)
     if right is None or left is None:
         return Found(reason="no U groove: its edges are not where its plates end")
     middle = frame.corner(fitted.middle_m, fitted.depth_m, float(np.sqrt(np.trace(fitted.covariance[:2, :2]))))
-    corners = (left, middle, right)
-    worst = max(corner.sigma_m for corner in corners)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"U groove too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
     measures = {
         "radius_m": fitted.radius_m,
         "groove_angle_rad": float(np.arctan(fitted.walls[0]) + np.arctan(fitted.walls[1])),
@@ -173,65 +156,37 @@ def _u_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], 
             (right.z_m - left.z_m) * np.cos(frame.angle_rad) + (left.x_m - right.x_m) * np.sin(frame.angle_rad)
         ),
     }
+    return _as_certain("U groove", (left, middle, right), measures, plates, fitted, margin)
+
+
+def _u_drawing(
+    section: Section, frame: PlatesFrame, plates: tuple[Curve, Curve], right_m: float, left_m: float
+) -> Drawing | str:
+    inside = (section.x_m > right_m - _GUARD_M) & (section.x_m < left_m + _GUARD_M)
+    part = frame.of(section.only(inside))
+    below = part.z_m > _GUARD_M  # the plates' ends are known already
+    s = (np.array([[right_m, plates[0].z_at(right_m)], [left_m, plates[1].z_at(left_m)]]) - frame.origin) @ frame.axes.T
+    return fit_drawing(
+        part.only(below), float(s[0, 0]), float(s[1, 0]), sides=(True, True), higher_m=float(s[0, 1] - s[1, 1])
+    )
+
+
+def _as_certain(
+    name: str,
+    corners: tuple[Corner, ...],
+    measures: dict[str, float],
+    plates: tuple[Curve, Curve],
+    fitted: Drawing,
+    margin: float,
+) -> Found:
+    """The groove, unless one of its corners is too uncertain."""
+    worst = max(corner.sigma_m for corner in corners)
+    if worst > MOST_SIGMA_M:
+        return Found(reason=f"{name} too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
     support = min(plates[0].count, plates[1].count, fitted.count)
     return Found(
         corners=corners, measures=measures, trust=Trust(explained=fitted.explained, margin=margin, support=support)
     )
-
-
-def _edge(
-    section: Section, frame: PlatesFrame, plate: Curve, drawing: Drawing, side: int, end_m: float
-) -> Corner | None:
-    """Where the wall of one side (1: larger s) crosses its plate; None if that is not where the plate ends.
-
-    If too little of the wall is seen, the plate's end alone.
-    """
-    end = curve_end(section, plate, end_m + side * _BESIDE_M, end_m - side * _BESIDE_M)
-    s_m, d_m = drawing.wall_at(side, 0.0), 0.0
-    for _ in range(4):  # the plate is nearly level in this frame
-        d_m = _plate_depth(frame, plate, s_m)
-        s_m = drawing.wall_at(side, d_m)
-    jacobian = drawing.wall_gradient(side, d_m)
-    wall = drawing.walls[0 if side < 0 else 1]
-    x_m = float(frame.origin[0] + s_m * frame.axes[0, 0])
-    variance = float(jacobian @ drawing.covariance @ jacobian) + (1 + wall**2) * plate.variance_at(x_m)
-    crossed = frame.corner(float(s_m), float(d_m), float(np.sqrt(variance)))
-    sure = crossed.sigma_m <= _SURE_M
-    if end is None or end.nats < _LEAST_NATS:
-        return crossed if sure and abs(crossed.x_m - end_m) <= _EDGE_SLACK_M else None
-    if not sure:
-        return _in_the_dark(section, end.corner, -side)
-    apart_m = side * (end.corner.x_m - crossed.x_m)  # positive where the plate stops short of the wall
-    if abs(apart_m) <= max(_EDGES_APART_M, 4 * end.corner.sigma_m):
-        return crossed
-    return crossed if 0 < apart_m <= _MOST_UNSEEN_M and _is_dark(section, crossed.x_m, end.corner.x_m) else None
-
-
-def _is_dark(section: Section, first_m: float, last_m: float) -> bool:
-    """Whether next to nothing is seen between two x: a plate whose last stretch is hidden, not one that bends off."""
-    spacing_m = float(np.median(np.diff(section.x_m)))
-    low, high = sorted((first_m, last_m))
-    seen = np.sum((section.x_m > low + spacing_m) & (section.x_m < high - spacing_m))
-    return bool(seen <= max(_FEW_SEEN, _FEW_SEEN_SHARE * (high - low) / spacing_m))
-
-
-def _in_the_dark(section: Section, end: Corner, towards: int) -> Corner:
-    """A plate's end with no wall beside it: it may be hidden too, and the edge lie up to the next column that is seen.
-
-    With the probability p that it is, anywhere within w, the mean square of what is missed is p w^2 / 3.
-    """
-    beyond_m = towards * (section.x_m - end.x_m)
-    dark_m = float(beyond_m[beyond_m > 0].min(initial=np.inf))
-    return replace(end, sigma_m=float(np.hypot(end.sigma_m, dark_m * np.sqrt(_END_HIDDEN / 3))))
-
-
-def _plate_depth(frame: PlatesFrame, plate: Curve, s_m: float) -> float:
-    """d of the plate at s."""
-    d_m = 0.0
-    for _ in range(3):
-        x_m, z_m = frame.origin + np.array([s_m, d_m]) @ frame.axes
-        d_m += (plate.z_at(float(x_m)) - z_m) * np.cos(frame.angle_rad)
-    return float(d_m)
 
 
 def _j_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float) -> Found:
@@ -261,31 +216,24 @@ def _j_one_way(section: Section, opening: _Opening, plates: tuple[Curve, Curve],
 def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float) -> Found:
     """A J groove whose square face is on the side of small x."""
     right_m, left_m = opening.right.end_m, opening.left.start_m
-    end = curve_end(section, plates[0], right_m - _BESIDE_M, right_m + _BESIDE_M, lost_share=PLATE_LOST_SHARE)
+    end = curve_end(section, plates[0], right_m - BESIDE_M, right_m + BESIDE_M, lost_share=PLATE_LOST_SHARE)
     if end is None:
         return Found(reason="no J groove: its square edge has no end")
-    frame = PlatesFrame(origin=np.array([end.corner.x_m, end.corner.z_m]), angle_rad=plates[0].angle_at(end.corner.x_m))
-    inside = (section.x_m > right_m - 10 * _GUARD_M - _BESIDE_M) & (section.x_m < left_m + _GUARD_M)
+    square = end.corner
+    frame = PlatesFrame(origin=np.array([square.x_m, square.z_m]), angle_rad=plates[0].angle_at(square.x_m))
+    inside = (section.x_m > right_m - 10 * _GUARD_M - BESIDE_M) & (section.x_m < left_m + _GUARD_M)
     part = frame.of(section.only(inside))
     edge_s = float(((np.array([left_m, plates[1].z_at(left_m)]) - frame.origin) @ frame.axes.T)[0])
     below = (part.z_m > _GUARD_M) & (part.x_m > 1e-4)  # the face is the line s = 0
     fitted = fit_drawing(part.only(below), 0.0, edge_s, sides=(False, True))
     if isinstance(fitted, str):
         return Found(reason=f"no J groove: {fitted}")
-    left = _edge(section, frame, plates[1], fitted, 1, left_m)
+    left = groove_edge(section, frame, plates[1], fitted, 1, left_m)
     if left is None:
         return Found(reason="no J groove: its edge is not where its plate ends")
+    higher_m = float(-plate_depth(frame, plates[1], edge_s))  # the plate with the J, and so its root edge
     gap_m = max(fitted.middle_m, 0.0)  # the circle begins here, the face is at s = 0
-    angle_sigma = float(np.sqrt(plates[0].covariance[1, 1])) / plates[0].length_m
-    # The circle's place does not depend on the edge that the frame starts from; the root is midway between both.
-    face_variance = end.corner.sigma_m**2 + (fitted.depth_m * angle_sigma) ** 2
-    variance = (fitted.covariance[0, 0] + face_variance) / 4 + fitted.covariance[1, 1]
-    higher_m = float(-_plate_depth(frame, plates[1], edge_s))  # the plate with the J, and so its root edge
-    root = frame.corner(gap_m / 2, fitted.depth_m + higher_m / 2, float(np.sqrt(variance)))
-    corners = (left, root, end.corner)
-    worst = max(corner.sigma_m for corner in corners)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"J groove too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
+    root = frame.corner(gap_m / 2, fitted.depth_m + higher_m / 2, _j_root_sigma_m(fitted, plates[0], square))
     measures = {
         "radius_m": fitted.radius_m,
         "bevel_angle_rad": float(np.arctan(fitted.walls[1])),
@@ -293,7 +241,11 @@ def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curv
         "depth_m": fitted.depth_m,
         "mismatch_m": higher_m,
     }
-    support = min(plates[0].count, plates[1].count, fitted.count)
-    return Found(
-        corners=corners, measures=measures, trust=Trust(explained=fitted.explained, margin=margin, support=support)
-    )
+    return _as_certain("J groove", (left, root, square), measures, plates, fitted, margin)
+
+
+def _j_root_sigma_m(fitted: Drawing, plate: Curve, square: Corner) -> float:
+    """Of the point midway between the circle's end, which does not depend on the square edge, and the face below it."""
+    angle_sigma = float(np.sqrt(plate.covariance[1, 1])) / plate.length_m
+    face_variance = square.sigma_m**2 + (fitted.depth_m * angle_sigma) ** 2
+    return float(np.sqrt((fitted.covariance[0, 0] + face_variance) / 4 + fitted.covariance[1, 1]))
