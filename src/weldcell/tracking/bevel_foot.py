@@ -5,7 +5,8 @@ bevel, that edge hides d^2 / 2R of what lies a depth d below it, and what is hid
 apart: the bevel's end stays as deep below the square plate as it was in the frames before, and a bevel that seems to
 end higher goes on behind the edge. Nor are the stripe's last columns always seen: where the background is bright, a
 dark one takes the few behind it along. So a first frame's gap is doubted, and the root lies midway between what it
-would be with the gap and without; the next frame loses other columns, and a gap that is seen again is one.
+would be with the gap and without; a gap that is seen again is one. A gap as narrow as what an edge takes along stays
+doubted: a sensor that is turned by a degree loses these columns in every frame.
 """
 
 from dataclasses import dataclass, replace
@@ -54,7 +55,7 @@ def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end:
         return Foot(
             root=meeting, edge=edge, gap_m=0.0, depth_m=deepest_m, kept_depth_m=_kept(deepest_m, kept_m, tolerance_m)
         )
-    depth_m, seen_again = seen_m, kept_m is not None and abs(seen_m - kept_m) <= tolerance_m
+    depth_m = seen_m
     first_seen = kept_m is None or seen_m > kept_m + tolerance_m
     if kept_m is not None and kept_m > seen_m + tolerance_m:
         # Also where something deeper shows in between: a drop of spatter does, and no bevel ends higher at once.
@@ -68,7 +69,7 @@ def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end:
     # The gap's ends are independent; the middle moves by half of each.
     sigma_m = 0.5 * float(np.hypot(end.sigma_m, edge.sigma_m))
     x_m, z_m = np.array([end.x_m, end.z_m]) + gap_m / 2 * along
-    lost_m = 0.0 if seen_again else _MOST_LOST_SPACINGS * float(np.median(np.diff(section.x_m)))
+    lost_m = _MOST_LOST_SPACINGS * float(np.median(np.diff(section.x_m)))
     feigned_m = lost_m + depth_m**2 / (2 * _TIGHTEST_BEND_M)
     if gap_m < (feigned_m if first_seen else lost_m):  # a gap, or what is hidden: midway between the roots of both
         x_m, z_m = (x_m + meeting.x_m) / 2, (z_m + meeting.z_m) / 2

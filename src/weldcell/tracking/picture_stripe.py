@@ -22,10 +22,11 @@ _COLOURED_SHARE = 0.5  # brightness alone sees other things too, so it must see 
 _WORTH_SHARE = 0.5  # of the longest way's length: what is shorter is another thing
 _PIECE_GAP_PX = 16  # speckle on bare metal leaves some columns dark
 _PIECE_JUMP_PX = 6
-_LEAST_DENSITY = 0.75  # points for a pixel of a piece: speckle leaves more than 0.8 of them
+_LEAST_DENSITY = 0.8  # points for a pixel of a piece: speckle leaves more than 0.8 of them
 _STEEPEST = 2.5  # across for along, over such a gap
 _LEAST_PIECE_PX = 24.0  # no stripe is shorter, nor than this share of the picture's shorter side:
 _LEAST_STRIPE_SHARE = 0.1
+_FEWEST_POINTS = 64  # of the longest piece, in the picture that it was found in: a board's corners are crumbs there
 _LEAST_PIECE_SHARE = 0.05  # of the longest piece: shorter ones are crumbs of what else is in view
 _CHUNK = 16  # points that tell a direction
 _DIRECTIONS = 36
@@ -277,7 +278,7 @@ def _without_crumbs(found: PictureStripe, least_px: float) -> PictureStripe:
     piece, lengths = _pieces(found), _piece_lengths_px(found)
     longest = lengths.max()
     keep = (lengths >= max(_LEAST_PIECE_PX * found.shrinking, _LEAST_PIECE_SHARE * longest))[piece] & (
-        longest >= least_px
+        longest >= max(least_px, _FEWEST_POINTS * found.shrinking)
     )
     stripe = found.stripe
     kept = Stripe(u_px=stripe.u_px[keep], v_px=stripe.v_px[keep], sigma_px=stripe.sigma_px[keep])

@@ -13,46 +13,9 @@ from jaxtyping import Bool, Float, Float32, Int, Shaped
 REACH_PX = 12
 """Columns so far from clear ones may be faint."""
 _BAND_CELLS = 2  # to either side of the path
-_SUPPORTERS, _SUPPORT_CELLS = 3, 4  # of the columns on both sides
-_STEEPEST_CELLS = 1.5  # cells a cell column: 3 px a px
+_STEEPEST_CELLS, _SLACK_CELLS = 1.5, 2.0  # cells a cell column: 3 px a px
+_JUMP_CELLS = 3  # columns from a jump to where the path is sure
 _STEEPEST, _SLACK_PX = 3.0, 4.0
-
-
-def with_faint_cells(
-    response: Shaped[np.ndarray, "rows k"],
-    rows: Int[np.ndarray, "k"],
-    seen: Bool[np.ndarray, "k"],
-    faintest: float,
-    reach: int,
-) -> tuple[Int[np.ndarray, "k"], Bool[np.ndarray, "k"]]:
-    """Rows and which cell columns are seen, with those that reach `faintest` near the path of the others."""
-    sure = seen & (_supporters(np.where(seen, rows, -1_000_000)) >= _SUPPORTERS)
-    others = np.flatnonzero(~seen)
-    if len(others) == 0 or not sure.any():
-        return rows, seen
-    path = path_at(others, np.flatnonzero(sure), rows[sure].astype(np.float32), reach, _STEEPEST_CELLS, 2.0)
-    others, path = others[path.near], path.at[path.near]
-    if len(others) == 0:
-        return rows, seen
-    step = np.arange(-_BAND_CELLS, _BAND_CELLS + 1)[:, None]
-    near = np.clip(np.rint(path).astype(np.int64) + step, 0, len(response) - 1)
-    nearby = response.ravel().take(near * response.shape[1] + others)
-    best = nearby.argmax(axis=0)
-    each = np.arange(len(others))
-    enough = nearby[best, each] > faintest
-    rows, seen = rows.copy(), seen.copy()
-    rows[others[enough]], seen[others[enough]] = near[best, each][enough], True
-    return rows, seen
-
-
-def _supporters(rows: Int[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
-    """How many of the cell columns beside each hold a place that one stripe could join with its own."""
-    count = np.zeros(len(rows), np.int64)
-    for step in range(1, min(_SUPPORT_CELLS, len(rows) - 1) + 1):
-        joined = np.abs(rows[step:] - rows[:-step]) <= 1 + _STEEPEST_CELLS * step
-        count[step:] += joined
-        count[:-step] += joined
-    return count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,3 +45,40 @@ def path_at(
     share = np.where(joined, share, np.rint(share))
     away = np.minimum(np.abs(columns - known[left]), np.abs(known[right] - columns))
     return Path(at=(places[left] + share * rise).astype(np.float32), near=away <= reach)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places:
+    """A row for each cell column."""
+
+    rows: Int[np.ndarray, "k"]
+    near: Bool[np.ndarray, "k"]
+    """Whether the path passes near enough."""
+
+
+def beside(
+    response: Shaped[np.ndarray, "rows k"], columns: Int[np.ndarray, "n"], rows: Int[np.ndarray, "n"], reach_cells: int
+) -> Places:
+    """The brightest place of each cell column beside the path through `rows` at `columns`.
+
+    Where the path jumps is not known to the column, so that both of its ends are looked at there.
+    """
+    each = np.arange(response.shape[1])
+    path = path_at(each, columns, rows.astype(np.float32), reach_cells, _STEEPEST_CELLS, _SLACK_CELLS)
+    best = _brightest_in_band(response, each, path.at)
+    before, after = (path.at[np.clip(each + way * _JUMP_CELLS, 0, len(each) - 1)] for way in (-1, 1))
+    jump = np.flatnonzero(np.abs(after - before) > 2 * _JUMP_CELLS * _STEEPEST_CELLS + _SLACK_CELLS)
+    for side in (before, after):
+        other = _brightest_in_band(response, jump, side[jump])
+        better = response[other, jump] > response[best[jump], jump]
+        best[jump[better]] = other[better]
+    return Places(rows=best, near=path.near)
+
+
+def _brightest_in_band(
+    response: Shaped[np.ndarray, "rows k"], columns: Int[np.ndarray, "m"], at: Float32[np.ndarray, "m"]
+) -> Int[np.ndarray, "m"]:
+    step = np.arange(-_BAND_CELLS, _BAND_CELLS + 1)[:, None]
+    band = np.clip(np.rint(at).astype(np.int64) + step, 0, len(response) - 1)
+    best = response.ravel().take(band * response.shape[1] + columns).argmax(axis=0)
+    return band[best, np.arange(len(columns))]

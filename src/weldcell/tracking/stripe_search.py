@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Shaped
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 
-from weldcell.tracking.stripe_faint import REACH_PX, with_faint_cells
+from weldcell.tracking.stripe_faint import REACH_PX, beside
+from weldcell.tracking.stripe_path import NoiseModel, noise_model, over_slopes, stripe_path
 
 CELL_ROWS, CELL_COLUMNS = 4, 2
 _SIDE_CELLS = (2, 3, 4)  # sides 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
 _SEARCH_SNR = 6.0  # the largest of 200 000 noise values reaches 4.5 of its own sigma
 _FAINT_SNR = 2.0  # beside what is seen
 _CLEAR_SHARE = 0.95  # of cell columns that show the stripe: then nothing faint is looked for
-_TOGETHER_CELLS, _TOGETHER_SNR = 5, 1.5  # noise less a brighter side is negative, so that hardly any of it is left
 _ROUNDING = 1.0  # two averages, each rounded to a level
 _REACH_CELLS = 4  # a stripe's light is looked for in so many cells to either side
 _BACKGROUND_CELLS = (5, 6)  # 20 and 24 px off
@@ -24,14 +24,8 @@ _FIRST_VARIANCE_PX2 = np.float32(16.0)
 _LEAST_VARIANCE_PX2, _MOST_VARIANCE_PX2 = 0.5, 49.0
 _MOST_SHIFT_PX = 8.0
 _CELL_VARIANCE_PX2 = CELL_ROWS**2 / 12
-_NEIGHBOURS = 4  # cell columns on each side that a stripe's place is compared with
-_STEEPEST_CELLS = 1.5  # cells a cell column: 3 px a px
-_WIDEST_DROP_CELLS = 3
-_FEW_SHARE = 0.01  # of all columns
+_FEWEST_CELLS = 3  # in a row, for a piece off the path
 _STEP_CELLS = 4  # a larger step from one cell column to the next parts two pieces
-_LEAST_LONG_CELLS, _LONG_SHARE = 12, 0.5  # pieces that the path runs through: long ones, against the longest
-_BRIDGE_ROUNDS = 3
-_BAND_CELLS = 12  # how far from the path the stripe may run: 48 px
 _UNSHARED_PIXELS = 65536
 _SAMPLE_CELLS = 45  # rows and columns of cells that tell the noise
 QUANTISATION_GREY = float(1 / np.sqrt(12))
@@ -80,30 +74,50 @@ def search(image: Shaped[np.ndarray, "height width"]) -> RoughStripe | None:
     cores = _mean(cells[:-1], cells[1:])
     response = cv2.subtract(cores, _brightest_side(cores))
     noise = cell_noise(cells) / np.sqrt(2)
-    threshold = _ROUNDING + _SEARCH_SNR * noise
-    cell_rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
-    if np.abs(np.diff(cell_rows)).max(initial=0) > _STEP_CELLS:
-        cell_rows = _without_spatter(response, cell_rows, threshold)
-    seen = _at(response, cell_rows) > threshold
-    if np.count_nonzero(seen) < _CLEAR_SHARE * len(seen):
-        cell_rows, seen = _with_joint_light(response, cell_rows, seen, _ROUNDING + _TOGETHER_SNR * noise)
-        faintest, reach = _ROUNDING + _FAINT_SNR * noise, REACH_PX // CELL_COLUMNS
-        cell_rows, seen = with_faint_cells(response, cell_rows, seen, faintest, reach)
+    rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
+    seen = _at(response, rows) > _ROUNDING + _SEARCH_SNR * noise
+    is_clear = np.count_nonzero(seen) >= _CLEAR_SHARE * len(seen)
+    if not is_clear or np.abs(np.diff(rows)).max(initial=0) > _STEP_CELLS:
+        rows, seen = _along_path(cells, cores, noise)
     found = np.flatnonzero(seen)
-    return _measured(cells, cell_rows[found], found) if len(found) else None
+    return _measured(cells, rows[found], found) if len(found) else None
 
 
-def _with_joint_light(
-    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], seen: Bool[np.ndarray, "k"], threshold: float
+def _along_path(
+    cells: Shaped[np.ndarray, "height k"],
+    cores: Shaped[np.ndarray, "rows k"],
+    least_noise: float,
 ) -> tuple[Int[np.ndarray, "k"], Bool[np.ndarray, "k"]]:
-    """Rows and which cell columns are seen, with light that stands out of five cell columns, but of none of them alone.
+    """Rows and which cell columns are seen, by the best path through the picture."""
+    response, noise = over_slopes(cores), noise_model(cells, least_noise)
+    columns, rows = stripe_path(response, cores, noise)
+    brightest = cv2.transpose(response).argmax(axis=1)
+    if len(columns) == 0:
+        return brightest, np.zeros(len(brightest), bool)
+    on_path = beside(response, columns, rows, REACH_PX // CELL_COLUMNS)
+    seen = on_path.near & (_snr(response, cores, noise, on_path.rows) > _FAINT_SNR)
+    each = np.arange(len(brightest))
+    between = ~seen & (each > columns[0]) & (each < columns[-1])  # such as a narrow gap's bottom
+    between &= _snr(response, cores, noise, brightest) > _SEARCH_SNR
+    return np.where(seen, on_path.rows, brightest), seen | _in_pieces(brightest, between)
 
-    The mean of five is as steep as a stripe may be that stays in a core, 8 px high, over 10 px.
-    """
-    together = cv2.blur(response, (_TOGETHER_CELLS, 1))
-    brightest = cv2.transpose(together).argmax(axis=1)
-    added = ~seen & (_at(together, brightest) > threshold)
-    return np.where(added, brightest, rows), seen | added
+
+def _in_pieces(rows: Int[np.ndarray, "k"], seen: Bool[np.ndarray, "k"]) -> Bool[np.ndarray, "k"]:
+    """Which cell columns are seen together with some of their neighbours, at places that hold together."""
+    apart = (np.abs(np.diff(rows)) > _STEP_CELLS) | ~seen[1:] | ~seen[:-1]
+    piece = np.zeros(len(seen), np.int64)
+    np.cumsum(apart, out=piece[1:])
+    return seen & (np.bincount(piece)[piece] >= _FEWEST_CELLS)
+
+
+def _snr(
+    response: Shaped[np.ndarray, "rows k"],
+    cores: Shaped[np.ndarray, "rows k"],
+    noise: NoiseModel,
+    rows: Int[np.ndarray, "k"],
+) -> Float[np.ndarray, "k"]:
+    """How far each cell column stands out at its row, in units of the noise there."""
+    return (_at(response, rows) - _ROUNDING) * np.sqrt(2) / np.maximum(noise.sigma(_at(cores, rows)), QUANTISATION_GREY)
 
 
 def _brightest_side(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows k"]:
@@ -144,80 +158,6 @@ def cell_noise(cells: Shaped[np.ndarray, "rows columns"]) -> float:
             return QUANTISATION_GREY
         spread = float(np.sqrt(differences @ differences / len(differences)))
     return spread / np.sqrt(2)
-
-
-def _without_spatter(
-    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], threshold: float
-) -> Int[np.ndarray, "k"]:
-    """The row in each cell column, where drops and streaks that outshine the stripe have given way to it."""
-    few = _FEW_SHARE * len(rows)
-    seen = _at(response, rows) > threshold
-    drops = seen & (_piece_lengths(np.abs(np.diff(rows)) > _STEP_CELLS) <= _WIDEST_DROP_CELLS)
-    if np.count_nonzero(drops) > few:  # so many that there may be no long pieces
-        rows = _steadied(response, rows, np.flatnonzero(drops))
-    for _ in range(_BRIDGE_ROUNDS):  # each makes the long pieces longer
-        bridged = _bridged(response, rows, threshold)
-        changed = np.count_nonzero(bridged != rows)
-        rows = bridged
-        if changed <= few:
-            break
-    return rows
-
-
-def _steadied(
-    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], drops: Int[np.ndarray, "m"]
-) -> Int[np.ndarray, "k"]:
-    """The rows, but at the drops the next brightest place if neighbours agree with it."""
-    others = response[:, drops].astype(np.int32)
-    others[np.abs(np.arange(len(others))[:, None] - rows[drops]) <= max(_SIDE_CELLS)] = -1
-    second = others.argmax(axis=0)
-    better = _support(rows, second, drops) > _support(rows, rows[drops], drops)
-    steadied = rows.copy()
-    steadied[drops[better]] = second[better]
-    return steadied
-
-
-def _support(
-    rows: Int[np.ndarray, "k"], candidates: Int[np.ndarray, "m"], at: Int[np.ndarray, "m"]
-) -> Int[np.ndarray, "m"]:
-    """How many of the neighbouring cell columns hold a place that one stripe could join with the candidate's."""
-    step = np.concatenate([np.arange(-_NEIGHBOURS, 0), np.arange(1, _NEIGHBOURS + 1)])[:, None]
-    neighbours = np.pad(rows, _NEIGHBOURS, constant_values=-1_000_000)[at + _NEIGHBOURS + step]
-    return np.sum(np.abs(neighbours - candidates) <= 1 + _STEEPEST_CELLS * np.abs(step), axis=0)
-
-
-def _bridged(
-    response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"], threshold: float
-) -> Int[np.ndarray, "k"]:
-    """The rows with short pieces taken back to the path between the long ones, where something is seen there.
-
-    A streak of spatter is a short piece that outshines the stripe; a groove's bottom is one too, but then there is
-    nothing on the path above it.
-    """
-    seen = _at(response, rows) > threshold
-    length = _piece_lengths((np.abs(np.diff(rows)) > _STEP_CELLS) | ~seen[1:] | ~seen[:-1])
-    long = seen & (length >= max(_LEAST_LONG_CELLS, _LONG_SHARE * length.max()))
-    doubtful = np.flatnonzero(seen & ~long)
-    if not long.any() or len(doubtful) == 0:
-        return rows
-    path = np.interp(doubtful, np.flatnonzero(long), rows[long])
-    step = np.arange(-_BAND_CELLS, _BAND_CELLS + 1)[:, None]
-    near = np.clip(np.rint(path).astype(np.int64) + step, 0, len(response) - 1)
-    nearby = response[near, doubtful]
-    best = (nearby * (_BAND_CELLS + 1.0 - np.abs(step))).argmax(axis=0)  # the closer, the likelier
-    each = np.arange(len(doubtful))
-    there = near[best, each]
-    moved = (nearby[best, each] > threshold) & (np.abs(there - rows[doubtful]) > 1)  # by 1: the same place
-    bridged = rows.copy()
-    bridged[doubtful[moved]] = there[moved]
-    return bridged
-
-
-def _piece_lengths(broken: Bool[np.ndarray, "gaps"]) -> Int[np.ndarray, "k"]:
-    """For each cell column the length of the piece it is in, from where neighbours do not hold together."""
-    piece = np.zeros(len(broken) + 1, np.int64)
-    np.cumsum(broken, out=piece[1:])
-    return np.bincount(piece)[piece]
 
 
 def _at(response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"]) -> Shaped[np.ndarray, "k"]:

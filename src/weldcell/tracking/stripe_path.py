@@ -1,0 +1,200 @@
+"""Where the stripe runs in a picture that holds other bright things: the best path through it.
+
+Spatter, a part's lit edges and the noise of an arc's glare outshine the stripe in many columns, but seldom in many
+columns in a row. What stands out of five neighbouring columns, in units of the noise at its own brightness, makes
+candidates. A path earns each one's clearness (but only so much that no single one decides), and pays for rising or
+falling, and more for a jump, such as over a groove's edge, or for being nowhere. The best of all paths is found exactly
+(Viterbi 1967). Its steps are products of matrices in which max stands for the sum and + for the product. These are
+associative, so neighbours are merged in pairs, and all pairs at once (Hassan, Sarkka and Garcia-Fernandez, Temporal
+parallelization of inference in hidden Markov models, 2021).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int32, Shaped
+
+_TOGETHER, _SHEARS = 2, (-1, 0, 1)  # columns on both sides that are summed, along so many rows a column
+_SIDE_ROWS = (2, 3, 4)  # 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
+_FAR_ROWS = (3, 5)  # that tell how the light falls towards a core
+_STRIDE = 2  # columns a step
+_CANDIDATES, _APART = 4, 3  # rows on both sides of a candidate that give no other one
+_LEAST_SNR = 2.0
+_WORTH_SNR, _MOST_SNR = 3.0, 6.0  # the clearest of a column's noise is worth nothing
+_STEEPEST = 1.5  # rows a column: 3 px a px
+_BEND_COST, _JUMP_COST, _FALL_COST = 0.2, 12.0, 0.1  # the first and the last for each row
+_FEWEST_STEPS, _MOST_GAP = 12, 2  # of a piece, and steps from one of its places to the next
+_LEVELS, _SAMPLES = 8, 90  # of brightness; rows and columns that tell the noise
+_SATURATED_SHARE = 0.98
+_ROUNDING = 0.5
+
+
+def over_slopes(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows k"]:
+    """What stands out of both its sides, and out of the slope of light that they are on.
+
+    A core is compared with its sides' mean, which is right on a slope, but half of an edge; and with each side, less
+    what the light falls from there to the core. Light that rises towards the core adds nothing: beyond an edge it says
+    nothing of this side.
+    """
+    reach, count = _FAR_ROWS[1], len(cores)
+    padded = cv2.copyMakeBorder(cores, reach, reach, 0, 0, cv2.BORDER_REPLICATE)
+    smooth = cv2.blur(padded, (2 * _TOGETHER + 1, 1))
+    (far_above, above, below, far_below) = (
+        smooth[reach + row :][:count] for row in (-_FAR_ROWS[1], -_FAR_ROWS[0], *_FAR_ROWS)
+    )
+    falls = (
+        cv2.min(cv2.subtract(far_above, above), cv2.subtract(below, far_below)),
+        cv2.min(cv2.subtract(far_below, below), cv2.subtract(above, far_above)),
+    )
+    expected = np.zeros_like(cores)
+    for rows in _SIDE_ROWS:
+        above, below = padded[reach - rows :][:count], padded[reach + rows :][:count]
+        cv2.max(expected, cv2.addWeighted(above, 0.5, below, 0.5, 0.0), dst=expected)
+        share = rows / (_FAR_ROWS[1] - _FAR_ROWS[0])
+        for side, fall in zip((above, below), falls, strict=True):
+            cv2.max(expected, cv2.addWeighted(side, 1.0, fall, -share, 0.0), dst=expected)
+    return cv2.subtract(cores, expected)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseModel:
+    """A cell's noise: its variance is `read_grey2` + `shot_grey` times its level (grey levels)."""
+
+    read_grey2: float
+    shot_grey: float
+
+    def sigma(self, level: Shaped[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Standard deviation at these levels."""
+        return np.sqrt(self.read_grey2 + self.shot_grey * level)
+
+
+def noise_model(cells: Shaped[np.ndarray, "rows columns"], least_sigma: float) -> NoiseModel:
+    """How a picture's noise grows with its brightness; mixed second differences do not see slopes of the light."""
+    steps = [max(1, size // _SAMPLES) for size in cells.shape]
+    corners = [
+        cells[a : cells.shape[0] - 1 + a : steps[0], b : cells.shape[1] - 1 + b : steps[1]]
+        for a in (0, 1)
+        for b in (0, 1)
+    ]
+    here, beside, below, across = (corner.astype(np.float32).ravel() for corner in corners)
+    mixed, level = np.abs(here - beside - below + across) / 2, (here + across) / 2
+    order = np.argsort(level)[: np.count_nonzero(level < _SATURATED_SHARE * level.max(initial=0))]
+    size = len(order) // _LEVELS
+    if size == 0:
+        return NoiseModel(read_grey2=least_sigma**2, shot_grey=0.0)
+    order = order[: size * _LEVELS].reshape(_LEVELS, size)
+    levels, variances = level[order].mean(axis=1), np.square(_trimmed_rms(mixed[order]))
+    shot = float(np.median((variances[1:] - variances[0]) / np.maximum(levels[1:] - levels[0], 1.0)))
+    shot = max(shot, 0.0)
+    return NoiseModel(read_grey2=max(float(np.median(variances - shot * levels)), least_sigma**2), shot_grey=shot)
+
+
+def _trimmed_rms(values: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k"]:
+    """Root mean square of each row, without what lies 2.8 times farther out, but for 1.5: rounding."""
+    rms = np.full(len(values), np.inf)
+    for _ in range(3):
+        kept = values <= np.maximum(2.8 * rms, 1.5)[:, None]
+        rms = np.sqrt(np.sum(np.square(values), axis=1, where=kept) / np.maximum(kept.sum(axis=1), 1))
+    return rms
+
+
+def stripe_path(
+    response: Shaped[np.ndarray, "rows k"], cores: Shaped[np.ndarray, "rows k"], noise: NoiseModel
+) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    """Columns and rows that the best path goes through, every other column where it is anywhere.
+
+    `response` is what stands out of its surroundings, `cores` how bright it is.
+    """
+    light = _summed(response)
+    level = cv2.transpose(cores)[::_STRIDE]
+    sigma = np.sqrt(2 * _TOGETHER + 1) * noise.sigma(np.arange(int(cores.max()) + 1.0))
+    least = _ROUNDING * (2 * _TOGETHER + 1) + _LEAST_SNR * sigma
+    light = np.maximum(light - np.rint(least).astype(np.int32)[level], 0)
+    each = np.arange(len(light))
+    rows = _brightest(light)
+    found = light[each[:, None], rows]
+    at = level[each[:, None], rows]
+    snr = np.where(found > 0, (found + least[at]) / np.maximum(sigma[at], 1e-9), -np.inf)
+    states = best_states(_worth(snr), _costs(rows))
+    each = np.flatnonzero(states < rows.shape[1])
+    chosen = rows[each, states[each]]
+    kept = _in_runs(each, chosen)
+    return _STRIDE * each[kept], chosen[kept]
+
+
+def _in_runs(steps: Int[np.ndarray, "n"], rows: Int[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """Which places are part of a piece: what stands out in fewer columns is no stripe."""
+    run = np.zeros(len(steps), np.int64)
+    gaps = np.diff(steps)
+    np.cumsum((gaps > _MOST_GAP) | (np.abs(np.diff(rows)) > 1 + _STEEPEST * _STRIDE * gaps), out=run[1:])
+    return np.bincount(run)[run] >= _FEWEST_STEPS if len(run) else np.zeros(0, bool)
+
+
+def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int32[np.ndarray, "n rows"]:
+    """The largest of the sums over five columns, level, rising or falling, about every other column."""
+    height, width = response.shape
+    apart = _TOGETHER * max(_SHEARS)
+    padded = np.zeros((width + 2 * _TOGETHER, height + 2 * apart), np.int32)
+    padded[_TOGETHER:-_TOGETHER, apart : apart + height] = cv2.transpose(response)
+    sums = []
+    for shear in _SHEARS:
+        total = np.zeros((-(-width // _STRIDE), height), np.int32)
+        for aside in range(-_TOGETHER, _TOGETHER + 1):
+            first = apart + shear * aside
+            total += padded[_TOGETHER + aside : _TOGETHER + aside + width : _STRIDE, first : first + height]
+        sums.append(total)
+    return np.maximum.reduce(sums)
+
+
+def _brightest(light: Int32[np.ndarray, "n rows"]) -> Int[np.ndarray, "n few"]:
+    """The brightest rows of each step, with none beside another."""
+    each, height = np.arange(len(light)), light.shape[1]
+    left = cv2.copyMakeBorder(light, 0, 0, _APART, _APART, cv2.BORDER_CONSTANT, value=0)
+    rows = np.empty((len(light), _CANDIDATES), np.int64)
+    for k in range(_CANDIDATES):
+        rows[:, k] = left.argmax(axis=1) - _APART
+        np.clip(rows[:, k], 0, height - 1, out=rows[:, k])  # nothing is left
+        left[each[:, None], rows[:, k, None] + np.arange(2 * _APART + 1)] = 0
+    return rows
+
+
+def _worth(snr: Float[np.ndarray, "n few"]) -> Float[np.ndarray, "n states"]:
+    """What a path earns at each candidate, and, last, nowhere."""
+    nowhere = np.zeros((len(snr), 1))
+    return np.concatenate([np.minimum(snr, _MOST_SNR) - _WORTH_SNR, nowhere], axis=1)
+
+
+def _costs(rows: Int[np.ndarray, "n few"]) -> Float[np.ndarray, "steps states states"]:
+    """What each step from one candidate to one of the next column's costs; nowhere is half a jump away."""
+    few = rows.shape[1]
+    costs = np.full((len(rows) - 1, few + 1, few + 1), _JUMP_COST / 2)
+    costs[:, few, few] = 0.0
+    fall = np.abs(rows[1:, None, :] - rows[:-1, :, None])
+    joined = fall <= 1 + _STEEPEST * _STRIDE
+    costs[:, :few, :few] = np.where(joined, _BEND_COST * fall, _JUMP_COST + _FALL_COST * fall)
+    return costs
+
+
+def best_states(
+    worth: Float[np.ndarray, "n states"], costs: Float[np.ndarray, "steps states states"]
+) -> Int[np.ndarray, "n"]:
+    """The states, one for each step, whose worths less the costs between them have the largest sum."""
+    if len(worth) == 1:
+        return worth.argmax(axis=1)
+    gains = worth[1:, None, :] - costs
+    gains[0] += worth[0, :, None]
+    middles = []
+    while len(gains) > 1:
+        pairs = len(gains) // 2
+        ways = gains[0 : 2 * pairs : 2, :, :, None] + gains[1 : 2 * pairs : 2, None, :, :]
+        middle = ways.argmax(axis=2)
+        merged = np.take_along_axis(ways, middle[:, :, None], axis=2)[:, :, 0]
+        middles.append(middle)
+        gains = np.concatenate([merged, gains[2 * pairs :]])
+    ends = np.array(np.unravel_index(gains[0].argmax(), gains[0].shape))
+    for middle in reversed(middles):  # the states between which each way leads, from the ends inwards
+        pairs = len(middle)
+        between = middle[np.arange(pairs), ends[:pairs], ends[1 : pairs + 1]]
+        ends = np.insert(ends, np.arange(1, pairs + 1), between)
+    return ends
