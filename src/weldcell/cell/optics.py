@@ -13,6 +13,7 @@ from weldcell.cell.frames import axes_rotation, rigid_from
 _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-14  # normalised image units: 1e-10 px at a focal length of 1e4 px
 _CONVERGED = 1e-13  # 1e-9 px: where rounding stops Newton's method short of its tolerance
+_Values = Float[np.ndarray, "*batch"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,47 +70,36 @@ class CameraModel:
 
     def distort(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
         """Distorted normalised image coordinates (OpenCV's calib3d documentation, rational and tilted model)."""
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion
-        x, y = normalised[..., 0], normalised[..., 1]
-        r2 = x * x + y * y
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        bent_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
-        bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
-        bent = np.stack([bent_x, bent_y, np.ones_like(bent_x)], axis=-1)
-        tilted = bent @ self._tilt.T
-        return tilted[..., :2] / tilted[..., 2:]
+        bent = np.stack(self._bent(normalised[..., 0], normalised[..., 1]), axis=-1)
+        return _mapped(bent, self._tilt) if self._is_tilted else bent
 
     def undistort(self, distorted: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-        """The inverse of `distort` by Newton's method; NaN where it does not converge."""
+        """The inverse of `distort` by Newton's method; NaN where it does not converge, or beyond the lens's fold.
+
+        There the distortion turns its orientation: a second ray hits the same pixel.
+        """
+        target = np.array(distorted, dtype=float)
         if not self.distortion.any():
-            return np.array(distorted, dtype=float)
-        target = np.asarray(distorted, dtype=float)
-        guess = self._untilt(target)
+            return target
+        guess = _mapped(target, np.linalg.inv(self._tilt)) if self._is_tilted else target
         error = self.distort(guess) - target
-        for _ in range(_NEWTON_STEPS):
-            if not np.any(np.abs(error) > _NEWTON_TOLERANCE):
-                break
-            guess = guess - _solve_2x2(self.distortion_jacobian(guess), error)
-            error = self.distort(guess) - target
-        converged = np.all(np.abs(error) < _CONVERGED, axis=-1) & self._unfolded(guess)
-        return np.where(converged[..., None], guess, np.nan)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for _ in range(_NEWTON_STEPS):
+                (xx, xy), (yx, yy) = np.moveaxis(self.distortion_jacobian(guess), (-2, -1), (0, 1))
+                x, y, turn = error[..., 0], error[..., 1], xx * yy - xy * yx
+                guess = guess - np.stack([yy * x - xy * y, xx * y - yx * x], axis=-1) / turn[..., None]
+                error = self.distort(guess) - target
+                if not np.any(np.abs(error) > _NEWTON_TOLERANCE):
+                    break
+            found = (np.hypot(error[..., 0], error[..., 1]) < _CONVERGED) & (turn > 0)
+        return np.where(found[..., None], guess, np.nan)
 
     def distortion_jacobian(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2 2"]:
         """Derivatives of `distort`: rows are the distorted x and y, columns the undistorted ones."""
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion
-        x, y = normalised[..., 0], normalised[..., 1]
-        r2 = x * x + y * y
-        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / below
-        by_r2 = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
-        prism_x, prism_y = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
-        mixed = 2 * (x * y * by_r2 + p1 * x + p2 * y)
-        bent = np.empty((*r2.shape, 2, 2))
-        bent[..., 0, 0] = radial + 2 * x * x * by_r2 + 2 * p1 * y + 6 * p2 * x + prism_x * x
-        bent[..., 0, 1] = mixed + prism_x * y
-        bent[..., 1, 0] = mixed + prism_y * x
-        bent[..., 1, 1] = radial + 2 * y * y * by_r2 + 6 * p1 * y + 2 * p2 * x + prism_y * y
-        if not self.distortion[12:].any():
+        (xx, xy), (yx, yy) = self._bent_slopes(normalised[..., 0], normalised[..., 1])
+        bent = np.empty((*np.shape(xx), 2, 2))
+        bent[..., 0, 0], bent[..., 0, 1], bent[..., 1, 0], bent[..., 1, 1] = xx, xy, yx, yy
+        if not self._is_tilted:
             return bent
         tilted = self.distort(normalised)
         flat = np.linalg.inv(self._tilt)  # 1 / the tilt's divisor is linear in the tilted coordinates
@@ -144,15 +134,33 @@ class CameraModel:
         onto_sensor = np.array([[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]])
         return onto_sensor @ rotation
 
-    def _untilt(self, target: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-        flat = np.concatenate([target, np.ones_like(target[..., :1])], axis=-1) @ np.linalg.inv(self._tilt).T
-        return flat[..., :2] / flat[..., 2:]
+    @cached_property
+    def _is_tilted(self) -> bool:
+        return bool(self.distortion[12:].any())
 
-    def _unfolded(self, normalised: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
-        """Whether the distortion keeps its orientation there: beyond the fold a second ray hits the same pixel."""
-        jacobian = self.distortion_jacobian(normalised)
-        with np.errstate(invalid="ignore"):
-            return (jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]) > 0
+    def _bent(self, x: _Values, y: _Values) -> tuple[_Values, _Values]:
+        """x and y distorted, without the tilt."""
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion.tolist()
+        r2 = x * x + y * y
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        return (
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4),
+        )
+
+    def _bent_slopes(self, x: _Values, y: _Values) -> tuple[tuple[_Values, _Values], tuple[_Values, _Values]]:
+        """Derivatives of `_bent`: of x by x and y, of y by x and y."""
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion.tolist()
+        r2 = x * x + y * y
+        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / below
+        by_r2 = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+        prism_x, prism_y = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
+        mixed = 2 * (x * y * by_r2 + p1 * x + p2 * y)
+        return (
+            (radial + 2 * x * x * by_r2 + 2 * p1 * y + 6 * p2 * x + prism_x * x, mixed + prism_x * y),
+            (mixed + prism_y * x, radial + 2 * y * y * by_r2 + 6 * p1 * y + 2 * p2 * x + prism_y * y),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,12 +208,9 @@ class LaserPlane:
         return rays * scale[..., None]
 
 
-def _solve_2x2(
-    matrix: Float[np.ndarray, "*batch 2 2"], vector: Float[np.ndarray, "*batch 2"]
+def _mapped(
+    points: Float[np.ndarray, "*batch 2"], homography: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    a, b, c, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 0], matrix[..., 1, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        determinant = a * d - b * c
-        x = (d * vector[..., 0] - b * vector[..., 1]) / determinant
-        y = (a * vector[..., 1] - c * vector[..., 0]) / determinant
-    return np.stack([x, y], axis=-1)
+    """Points of the plane z = 1 after a homography."""
+    moved = points @ homography[:, :2].T + homography[:, 2]
+    return np.asarray(moved[..., :2] / moved[..., 2:])

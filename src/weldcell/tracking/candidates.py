@@ -70,7 +70,7 @@ def on_model(section: Section, model: Sequence[tuple[Curve, float, float]]) -> n
     """Which points lie on a model: curves, each from one x to another (m)."""
     explained = np.zeros(len(section.x_m), dtype=bool)
     for curve, first_m, last_m in model:
-        inside = (section.x_m >= first_m) & (section.x_m <= last_m)
+        inside = np.flatnonzero((section.x_m >= first_m) & (section.x_m <= last_m))
         allowed = np.maximum(EXPLAINED_M, _EXPLAINED_SIGMAS * section.sigma_m[inside])
         explained[inside] |= np.abs(section.z_m[inside] - curve.z_of(section.x_m[inside])) <= allowed
     return explained

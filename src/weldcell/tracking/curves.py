@@ -1,6 +1,8 @@
 """Smooth pieces of a section: robust polynomials as low as the points allow, and where they cross."""
 
+import math
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,11 +15,13 @@ _TUKEY = 4.685  # 95 % efficiency with normal noise (Huber and Ronchetti, Robust
 _EFFICIENCY = 0.95
 _MAD_TO_SIGMA = 1.4826
 _START_GATE_M = 3e-4  # how far from its start a point of the curve may lie
+_LEAST_LEAN = 0.05  # of the noise's direction out of the curve: along it, points would tell nothing
 _ROUNDS_HIGHER = 2
 _HIGHER_SIGMAS = 2.5  # one degree more where its coefficient is this significant: a lower bar costs bias, not variance
 _MOST_LAGS = 8
 _MOST_CORRELATION = 20.0
 _NEWTON_STEPS = 6
+_Number = TypeVar("_Number", float, np.ndarray)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,30 +42,35 @@ class Curve:
 
     def z_at(self, x_m: float) -> float:
         """z of the curve (m)."""
-        return float(self._powers(x_m) @ self.coefficients_m)
+        return _polynomial((x_m - self.origin_m) / self.length_m, self.coefficients_m.tolist())
 
     def z_of(self, x_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """z of the curve at many x (m)."""
-        t = (x_m - self.origin_m) / self.length_m
-        return np.asarray(np.polynomial.polynomial.polyval(t, self.coefficients_m))
+        return _polynomial((x_m - self.origin_m) / self.length_m, self.coefficients_m.tolist())
 
     def slope_at(self, x_m: float) -> float:
         """dz/dx of the curve."""
-        orders = np.arange(1, len(self.coefficients_m))
-        t = (x_m - self.origin_m) / self.length_m
-        return float((orders * t ** (orders - 1)) @ self.coefficients_m[1:]) / self.length_m
+        t, slope, coefficients = (x_m - self.origin_m) / self.length_m, 0.0, self.coefficients_m.tolist()
+        for order in range(len(coefficients) - 1, 0, -1):
+            slope = slope * t + order * coefficients[order]
+        return slope / self.length_m
 
     def angle_at(self, x_m: float) -> float:
         """Inclination against x (rad), positive where the curve gets deeper with x."""
-        return float(np.arctan(self.slope_at(x_m)))
+        return math.atan(self.slope_at(x_m))
 
     def variance_at(self, x_m: float) -> float:
         """Variance of `z_at` (m^2)."""
-        powers = self._powers(x_m)
+        powers = ((x_m - self.origin_m) / self.length_m) ** np.arange(len(self.coefficients_m))
         return float(powers @ self.covariance @ powers)
 
-    def _powers(self, x_m: float) -> Float[np.ndarray, "k"]:
-        return ((x_m - self.origin_m) / self.length_m) ** np.arange(len(self.coefficients_m))
+
+def _polynomial(t: _Number, coefficients: list[float]) -> _Number:
+    """Horner's scheme; of the first degree at least."""
+    value = t * coefficients[-1]
+    for coefficient in coefficients[-2:0:-1]:
+        value = (value + coefficient) * t
+    return value + coefficients[0]
 
 
 def line_curve(slope: float, intercept_m: float) -> Curve:
@@ -97,34 +106,35 @@ def fit_curve(section: Section, start: Curve, *, highest_degree: int = 1, rounds
     x, z = section.x_m, section.z_m
     if len(x) < 4:
         return None
-    middle, half = float(x.min() + x.max()) / 2, max(float(np.ptp(x)) / 2, 1e-9)
-    t = (x - middle) / half
-    powers = np.vander(t, highest_degree + 1, increasing=True)
+    low, high = float(x.min()), float(x.max())
+    middle, half = (low + high) / 2, max((high - low) / 2, 1e-9)
+    powers = _powers((x - middle) / half, highest_degree)
     residual_m = z - start.z_of(x)
     slope: float | Float[np.ndarray, "n"] = start.slope_at(middle)
-    inside = np.abs(residual_m) <= np.hypot(1, slope) * np.maximum(_START_GATE_M, 3 * section.sigma_m)
+    inside = np.abs(residual_m) <= math.hypot(1, slope) * np.maximum(_START_GATE_M, 3 * section.sigma_m)
+    variance_z = np.square(section.sigma_m)
     best: Curve | None = None
     for degree in range(1, highest_degree + 1):
-        part = powers[:, : degree + 1]
+        part = powers[: degree + 1]
         for _ in range(rounds if degree == 1 else _ROUNDS_HIGHER):
-            sigma = section.sigma_m * np.maximum(np.abs(1 - slope * section.noise_slope), 0.05)
-            relative = np.abs(residual_m) / sigma
+            variance = variance_z * np.maximum(np.square(1 - slope * section.noise_slope), _LEAST_LEAN**2)
+            relative = np.square(residual_m) / variance
             near = relative[inside]
             if len(near) <= degree + 2:
                 return best
-            scale = max(_MAD_TO_SIGMA * _median(near), LEAST_SCALE)
-            robust = np.square(np.maximum(1 - np.square(relative / (_TUKEY * scale)), 0))
-            weighted = (robust / np.square(sigma))[:, None] * part
+            scale = max(_MAD_TO_SIGMA * math.sqrt(_median(near)), LEAST_SCALE)
+            robust = np.square(np.maximum(1 - relative / (_TUKEY * scale) ** 2, 0))
+            weighted = part * (robust / variance)
             try:
-                inverse = np.linalg.inv(part.T @ weighted)
+                inverse = _inverse(weighted @ part.T)
             except np.linalg.LinAlgError:
                 return best
-            coefficients = inverse @ (z @ weighted)
-            residual_m = z - part @ coefficients
-            slope = part[:, :-1] @ (np.arange(1, degree + 1) * coefficients[1:]) / half
+            coefficients = inverse @ (weighted @ z)
+            residual_m = z - coefficients @ part
+            slope = _rates(coefficients) @ part[:-1] / half if degree > 1 else float(coefficients[1]) / half
             inside = robust > 0.3  # strays must not widen the scale
         count = int(np.count_nonzero(robust))
-        correlation = _correlation(residual_m / (sigma * scale), robust > 0) if highest_degree > 1 else 1.0
+        correlation = _correlation(residual_m / np.sqrt(variance), robust > 0) if highest_degree > 1 else 1.0
         covariance = max(scale, 1.0) ** 2 / _EFFICIENCY * correlation * inverse
         if degree > 1 and abs(coefficients[-1]) < _HIGHER_SIGMAS * np.sqrt(covariance[-1, -1]):
             break
@@ -140,10 +150,35 @@ def fit_curve(section: Section, start: Curve, *, highest_degree: int = 1, rounds
     return best
 
 
+def _powers(t: Float[np.ndarray, "n"], degree: int) -> Float[np.ndarray, "k n"]:
+    """Rows: t to the power of 0 to `degree`."""
+    powers = np.ones((degree + 1, len(t)))
+    for order in range(1, degree + 1):
+        np.multiply(powers[order - 1], t, out=powers[order])
+    return powers
+
+
+def _rates(coefficients: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k-1"]:
+    """Coefficients of a polynomial's derivative."""
+    return np.arange(1, len(coefficients)) * coefficients[1:]
+
+
+def _inverse(normal: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
+    """A line's in closed form, which takes a third of the time; LinAlgError if there is none."""
+    if len(normal) > 2:
+        return np.linalg.inv(normal)
+    (a, b), (c, d) = normal.tolist()
+    determinant = a * d - b * c
+    if not determinant > 0:
+        raise np.linalg.LinAlgError("singular normal equations")
+    return np.asarray(np.array([[d, -b], [-c, a]]) / determinant)
+
+
 def _median(values: Float[np.ndarray, "n"]) -> float:
-    """The upper median: a selection is faster than NumPy's median on few values."""
+    """The upper median of values that may be reordered: faster than NumPy's median on few of them."""
     middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
+    values.partition(middle)
+    return float(values[middle])
 
 
 def _correlation(relative: Float[np.ndarray, "n"], inside: Bool[np.ndarray, "n"]) -> float:
@@ -157,7 +192,7 @@ def _correlation(relative: Float[np.ndarray, "n"], inside: Bool[np.ndarray, "n"]
     factor = 1.0
     for lag in range(1, _MOST_LAGS + 1):
         share = float(r[lag:] @ r[:-lag]) / power if power > 0 else 0.0
-        if share < 3 / np.sqrt(count):
+        if share < 3 / math.sqrt(count):
             break
         factor += 2 * share
     return min(factor, _MOST_CORRELATION)
@@ -176,10 +211,8 @@ def curves_cross(first: Curve, second: Curve, x_m: float) -> Corner | None:
         x_m += step_m
         if abs(step_m) < 1e-12:
             break
-    if not np.isfinite(x_m) or abs(second.z_at(x_m) - first.z_at(x_m)) > 1e-6:
+    if not math.isfinite(x_m) or abs(second.z_at(x_m) - first.z_at(x_m)) > 1e-6:
         return None
     first_slope, second_slope = first.slope_at(x_m), second.slope_at(x_m)
     variance = (1 + second_slope**2) * first.variance_at(x_m) + (1 + first_slope**2) * second.variance_at(x_m)
-    return Corner(
-        x_m=float(x_m), z_m=first.z_at(x_m), sigma_m=float(np.sqrt(variance) / abs(first_slope - second_slope))
-    )
+    return Corner(x_m=x_m, z_m=first.z_at(x_m), sigma_m=math.sqrt(variance) / abs(first_slope - second_slope))

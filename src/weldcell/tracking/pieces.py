@@ -1,5 +1,6 @@
 """The straight pieces of a section: where a profile bends or jumps."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +35,7 @@ class Piece:
     @property
     def angle_rad(self) -> float:
         """Inclination against x, positive where the piece gets deeper with x."""
-        return float(np.arctan(self.slope))
+        return math.atan(self.slope)
 
 
 def straight_pieces(section: Section, *, steepest: float, neighbours: int = 6) -> list[Piece]:
@@ -77,15 +78,17 @@ def bridged(pieces: list[Piece], tolerance_m: float, widest_m: float) -> list[Pi
 def agrees_with_neighbours(section: Section, steepest: float, neighbours: int) -> Bool[np.ndarray, "n"]:
     """Points that lie on one surface with enough of their neighbours."""
     x, z, count = section.x_m, section.z_m, len(section.x_m)
-    noise_m = 6 * float(np.median(section.sigma_m)) if count else 0.0
-    agreeing, offered = np.zeros(count), np.zeros(count)
-    for step in range(1, min(neighbours, count - 1) + 1):
-        close = np.abs(z[step:] - z[:-step]) <= steepest * (x[step:] - x[:-step]) + noise_m
+    reach, noise_m = min(neighbours, count - 1), 6 * float(np.median(section.sigma_m)) if count else 0.0
+    # |dz| <= steepest dx + noise: both steepest x + z and steepest x - z fall by no more than the noise
+    sums, differences = steepest * x + z, steepest * x - z
+    least_sums, least_differences = sums - noise_m, differences - noise_m
+    agreeing = np.zeros(count, np.uint8)
+    for step in range(1, reach + 1):
+        close = (sums[step:] >= least_sums[:-step]) & (differences[step:] >= least_differences[:-step])
         agreeing[step:] += close
         agreeing[:-step] += close
-        offered[step:] += 1
-        offered[:-step] += 1
-    return agreeing >= _AGREEING_SHARE * np.maximum(offered, 1)
+    before = np.minimum(np.arange(count), reach)
+    return agreeing >= _AGREEING_SHARE * np.maximum(before + before[::-1], 1)
 
 
 def _split(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"], tolerance_m: float) -> Int[np.ndarray, "k"]:
@@ -95,8 +98,8 @@ def _split(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"], tolerance_m: fl
         start, end = waiting.pop()
         if end - start < 2:
             continue
-        run, rise = x[end] - x[start], z[end] - z[start]
-        length = max(float(np.hypot(run, rise)), 1e-12)
+        run, rise = float(x[end] - x[start]), float(z[end] - z[start])
+        length = max(math.hypot(run, rise), 1e-12)
         inner = slice(start + 1, end)
         distance = np.abs(run * (z[inner] - z[start]) - rise * (x[inner] - x[start])) / length
         farthest = int(distance.argmax())
@@ -108,20 +111,20 @@ def _split(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"], tolerance_m: fl
 
 
 def _piece(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> Piece:
-    centre = x.mean()
+    centre = float(x.sum()) / len(x)
     offset = x - centre
-    slope = float(offset @ z / max(float(offset @ offset), 1e-30))
+    slope = float(offset @ z) / max(float(offset @ offset), 1e-30)
     return Piece(
         start_m=float(x[0]),
         end_m=float(x[-1]),
         slope=slope,
-        intercept_m=float(z.mean() - slope * centre),
+        intercept_m=float(z.sum()) / len(x) - slope * centre,
         count=len(x),
     )
 
 
 def _is_substantial(piece: Piece) -> bool:
-    length_m = (piece.end_m - piece.start_m) * float(np.hypot(1, piece.slope))
+    length_m = (piece.end_m - piece.start_m) * math.hypot(1, piece.slope)
     return piece.count >= _FEWEST_POINTS and length_m >= _SHORTEST_M
 
 
@@ -137,7 +140,7 @@ def _joined(pieces: list[Piece], tolerance_m: float) -> list[Piece]:
 
 def _on_one_line(left: Piece, right: Piece, tolerance_m: float) -> bool:
     middle = (left.end_m + right.start_m) / 2
-    apart_m = abs(left.z_at(middle) - right.z_at(middle)) * np.cos(left.angle_rad)
+    apart_m = abs(left.z_at(middle) - right.z_at(middle)) * math.cos(left.angle_rad)
     return bool(abs(left.angle_rad - right.angle_rad) < _SAME_LINE_RAD and apart_m < tolerance_m)
 
 

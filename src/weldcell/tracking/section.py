@@ -32,22 +32,24 @@ class Section:
 
     def only(self, keep: Bool[np.ndarray, "n"] | Int[np.ndarray, "k"]) -> "Section":
         """The section of these points."""
+        at = np.flatnonzero(keep) if keep.dtype == bool else keep  # a mask would be searched for each array again
         return Section(
-            x_m=self.x_m[keep],
-            z_m=self.z_m[keep],
-            sigma_m=self.sigma_m[keep],
-            noise_slope=self.noise_slope[keep],
-            amplitude_grey=self.amplitude_grey[keep],
+            x_m=self.x_m[at],
+            z_m=self.z_m[at],
+            sigma_m=self.sigma_m[at],
+            noise_slope=self.noise_slope[at],
+            amplitude_grey=self.amplitude_grey[at],
         )
 
 
 def section_of(profile: Profile, plane: LaserPlane) -> Section:
     """The profile's valid points in the frame of the light plane."""
-    points_laser = plane.T_camera_laser.inv().apply(profile.points_camera[profile.valid])
-    if not len(points_laser):
+    points_camera, T_camera_laser = profile.points_camera[profile.valid], plane.T_camera_laser.as_matrix()
+    if not len(points_camera):
         none = np.zeros(0)
         return Section(x_m=none, z_m=none, sigma_m=none, noise_slope=none, amplitude_grey=none)
-    x_m, z_m, noise_slope = points_laser[:, 0], points_laser[:, 2], noise_slopes(points_laser, plane)
+    points_laser = (points_camera - T_camera_laser[:3, 3]) @ T_camera_laser[:3, :3]
+    x_m, z_m, noise_slope = points_laser[:, 0], points_laser[:, 2], noise_slopes(points_camera, plane)
     level_m = np.median(z_m)  # where the columns' rays cross this depth, they are in order
     order = np.argsort(x_m - noise_slope * (z_m - level_m), kind="stable")
     amplitude = profile.amplitude_grey

@@ -6,8 +6,6 @@ from jaxtyping import Bool, Float
 from weldcell.cell.optics import CameraModel, LaserPlane
 from weldcell.cell.profile import Profile, Stripe
 
-_DIFFERENCE = 1e-5  # step of the derivative, in normalised image units: 0.03 px
-
 
 def triangulate(
     stripe: Stripe, camera: CameraModel, plane: LaserPlane, *, depth_range_m: tuple[float, float] = (0.05, 1.0)
@@ -18,12 +16,11 @@ def triangulate(
     `sigma_m` is the share along the light (z of the laser frame) of the step that `sigma_px` across the stripe makes.
     The stripe was cut by columns if depth moves it along them, by rows if depth moves it along those.
     """
-    pixels = np.column_stack([stripe.u_px, stripe.v_px])
-    rays = camera.unproject(pixels)
+    rays = camera.unproject(np.column_stack([stripe.u_px, stripe.v_px]))
     points_camera = plane.intersect(rays)
     axis = _depth_axis(plane)
-    pixels_per_step = (camera.project(rays + _DIFFERENCE * np.eye(3)[axis]) - pixels)[:, axis] / _DIFFERENCE
-    light = plane.T_camera_laser.rotation.as_matrix()[:, 2]
+    pixels_per_step = camera.focal_px[axis] * camera.distortion_jacobian(rays[:, :2])[:, axis, axis]
+    light = plane.T_camera_laser.as_matrix()[:3, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma_m = stripe.sigma_px * np.abs((_step_of_ray(points_camera, plane) @ light) / pixels_per_step)
     near, far = depth_range_m
@@ -48,14 +45,12 @@ def _reason(valid: Bool[np.ndarray, "n"], depth_range_m: tuple[float, float]) ->
     return ""
 
 
-def noise_slopes(points_laser: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n"]:
+def noise_slopes(points_camera: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n"]:
     """dx/dz (laser frame) of the step that a point makes when its stripe centre moves along its column (or row).
 
     Lens distortion turns this direction by less than a degree and is left out.
     """
-    T_camera_laser = plane.T_camera_laser
-    step_camera = _step_of_ray(T_camera_laser.apply(points_laser), plane)
-    step_laser = step_camera @ T_camera_laser.rotation.as_matrix()
+    step_laser = _step_of_ray(points_camera, plane) @ plane.T_camera_laser.as_matrix()[:3, :3]
     return step_laser[:, 0] / step_laser[:, 2]
 
 

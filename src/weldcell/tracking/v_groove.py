@@ -8,10 +8,10 @@ import numpy as np
 
 from weldcell.tracking.candidates import (
     EXPLAINED_M,
-    GATE_M,
     MOST_SIGMA_M,
     PLATE_LENGTH_M,
     best_of,
+    is_near,
     mismatch_m,
     near_words,
     on_model,
@@ -129,8 +129,7 @@ def _forms_v(four: tuple[Piece, ...], previous_x_m: float | None, shape: VShape)
     if not left < root < right or not shape.roof_rad[0] <= _turn(four[0], four[3]) <= shape.roof_rad[1]:
         return False
     edges_z = np.interp(root, [left, right], [four[0].z_at(left), four[3].z_at(right)])
-    near = previous_x_m is None or abs(root - previous_x_m) <= GATE_M
-    return near and bool(four[1].z_at(root) - edges_z >= _LEAST_DEPTH_M)
+    return is_near(root, previous_x_m) and bool(four[1].z_at(root) - edges_z >= _LEAST_DEPTH_M)
 
 
 def _explained_points(section: Section, four: tuple[Piece, ...]) -> int:
@@ -144,13 +143,15 @@ def _explained_points(section: Section, four: tuple[Piece, ...]) -> int:
 
 
 def _turns_like_v(curves: Sequence[Curve], corner_x: Sequence[float], shape: VShape) -> bool:
-    """Down at the left edge, up at the root, level again at the right edge."""
+    """Down at the first edge, up at the root, level again at the last edge."""
     turns = [
         right.angle_at(x_m) - left.angle_at(x_m)
         for left, right, x_m in zip(curves[:-1], curves[1:], corner_x, strict=True)
     ]
+    left, root, right = corner_x
     return bool(
-        turns[0] >= _LEAST_EDGE_TURN_RAD
+        left < root < right
+        and turns[0] >= _LEAST_EDGE_TURN_RAD
         and turns[1] <= -_LEAST_ROOT_TURN_RAD
         and turns[2] >= _LEAST_EDGE_TURN_RAD
         and shape.roof_rad[0] <= sum(turns) <= shape.roof_rad[1]
@@ -188,7 +189,7 @@ def _refined(
         ]
         corners = tuple(corner for corner in crossed if corner is not None)
         moved_x = [corner.x_m for corner in corners]
-        if len(corners) < 3 or np.any(np.diff(moved_x) <= 0) or not _turns_like_v(curves, moved_x, shape):
+        if len(corners) < 3 or not _turns_like_v(curves, moved_x, shape):
             return Found(reason=f"no {shape.name}: the lines fitted to the pieces do not form one")
         corner_x = moved_x
     explained = _explained_share(section, curves, four, corners)
