@@ -16,16 +16,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int32, Shaped
 
 _TOGETHER, _SHEARS = 2, (-1, 0, 1)  # columns on both sides that are summed, along so many rows a column
-_SIDE_ROWS = (2, 3, 4)  # 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
+_SIDE_ROWS = (2, 4)  # 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
 _FAR_ROWS = (3, 5)  # that tell how the light falls towards a core
-_STRIDE = 2  # columns a step
+_STRIDE = 4  # columns a step
 _CANDIDATES, _APART = 4, 3  # rows on both sides of a candidate that give no other one
 _LEAST_SNR = 2.0
 _WORTH_SNR, _MOST_SNR = 3.0, 6.0  # the clearest of a column's noise is worth nothing
 _STEEPEST = 1.5  # rows a column: 3 px a px
 _BEND_COST, _JUMP_COST, _FALL_COST = 0.2, 12.0, 0.1  # the first and the last for each row
-_FEWEST_STEPS, _MOST_GAP = 12, 2  # of a piece, and steps from one of its places to the next
-_LEVELS, _SAMPLES = 8, 90  # of brightness; rows and columns that tell the noise
+_FEWEST_STEPS, _MOST_GAP = 6, 2  # of a piece, and steps from one of its places to the next
+_LEVELS, _SAMPLES = 8, 64  # of brightness; rows and columns that tell the noise
 _SATURATED_SHARE = 0.98
 _ROUNDING = 0.5
 
