@@ -8,14 +8,14 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.errors import JobFailed
-from weldcell.cell.profile import JointFeatures
 from weldcell.cell.randomness import generator
 from weldcell.cell.seam import Seam, distance_to_polyline
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.scanning import ScanPath, first_carried, scan
 from weldcell.scenarios.seam_view import view_paths
 from weldcell.scenarios.station import Sight, Station
-from weldcell.tracking.joint import JOINT_KINDS, find_joint
+from weldcell.tracking.joint import JOINT_KINDS
+from weldcell.tracking.joint_follower import JointFollower
 from weldcell.tracking.seam_fit import fit_seam
 
 
@@ -53,11 +53,10 @@ def track_seam(
     station.begin("seam", "Seam")
     station.place_plate(misplacement)
     frames, times_s, joints_rad, T_base_flange, cameras, found = [], [], [], [], [], []
-    previous: JointFeatures | None = None
     kind = joint_kind(station)
+    follower = JointFollower(kind, station.belief.plane)
     for sight in scan(station, taught_path(station), "seam"):
-        joint = find_joint(sight.profile, kind, station.belief.plane, previous=previous)
-        previous = joint if joint.valid else previous
+        joint = follower.find(sight.profile)
         station.log_sight(sight, alignment.T_flange_camera, joint)
         if watch is not None:
             watch(sight)

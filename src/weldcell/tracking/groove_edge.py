@@ -18,6 +18,8 @@ _EDGES_APART_M = 3e-4
 _LEAST_NATS = 10.0
 _MOST_UNSEEN_M = 8e-3  # of a plate before its edge, if the wall tells that
 _FEW_SEEN, _FEW_SEEN_SHARE = 2, 0.1  # of the columns in between: strays
+_ON_WALL_M, _WALL_SHARE = 1.5e-4, 0.25  # how near, and of the groove's depth
+_DEEPER_M = 4e-4  # below the plate: in the groove
 _END_HIDDEN = 0.02  # share of plates' ends beside unseen walls that are no edges: 6 of 331, beside an arc
 
 
@@ -41,11 +43,11 @@ def groove_edge(
     sure = crossed.sigma_m <= _SURE_M
     if end is None or end.nats < _LEAST_NATS:
         return crossed if sure and abs(crossed.x_m - end_m) <= _EDGE_SLACK_M else None
-    if not sure:
-        return _in_the_dark(section, end.corner, -side)
     apart_m = side * (end.corner.x_m - crossed.x_m)  # positive where the plate stops short of the wall
-    if abs(apart_m) <= max(_EDGES_APART_M, 4 * end.corner.sigma_m):
+    if sure and abs(apart_m) <= max(_EDGES_APART_M, 4 * end.corner.sigma_m):
         return crossed
+    if not (sure and _is_wall_seen(section, frame, drawing, side)):
+        return _in_the_dark(section, plate, end.corner, -side)
     return crossed if 0 < apart_m <= _MOST_UNSEEN_M and _is_dark(section, crossed.x_m, end.corner.x_m) else None
 
 
@@ -58,6 +60,15 @@ def plate_depth(frame: PlatesFrame, plate: Curve, s_m: float) -> float:
     return float(d_m)
 
 
+def _is_wall_seen(section: Section, frame: PlatesFrame, drawing: Drawing, side: int) -> bool:
+    """Whether the wall is seen over some of its height: a drop of spatter before it lies at one depth."""
+    part = frame.of(section)
+    top_m, bottom_m = drawing.wall_at(side, 0.0), drawing.wall_at(side, drawing.depth_m)
+    off_m = part.x_m - (top_m + (bottom_m - top_m) * part.z_m / drawing.depth_m)
+    on = (np.abs(off_m) < _ON_WALL_M) & (part.z_m > _DEEPER_M) & (part.z_m < drawing.depth_m - drawing.radius_m / 2)
+    return bool(on.any() and np.ptp(part.z_m[on]) > _WALL_SHARE * drawing.depth_m)
+
+
 def _is_dark(section: Section, first_m: float, last_m: float) -> bool:
     """Whether next to nothing is seen between two x: a plate whose last stretch is hidden, not one that bends off."""
     spacing_m = float(np.median(np.diff(section.x_m)))
@@ -66,11 +77,12 @@ def _is_dark(section: Section, first_m: float, last_m: float) -> bool:
     return bool(seen <= max(_FEW_SEEN, _FEW_SEEN_SHARE * (high - low) / spacing_m))
 
 
-def _in_the_dark(section: Section, end: Corner, towards: int) -> Corner:
-    """A plate's end with no wall beside it: it may be hidden too, and the edge lie up to the next column that is seen.
+def _in_the_dark(section: Section, plate: Curve, end: Corner, towards: int) -> Corner:
+    """A plate's end with no wall beside it: it may be hidden too, and the edge lie up to where the groove is seen.
 
     With the probability p that it is, anywhere within w, the mean square of what is missed is p w^2 / 3.
     """
-    beyond_m = towards * (section.x_m - end.x_m)
+    deeper = section.z_m > plate.z_of(section.x_m) + _DEEPER_M
+    beyond_m = towards * (section.x_m[deeper] - end.x_m)
     dark_m = float(beyond_m[beyond_m > 0].min(initial=np.inf))
     return replace(end, sigma_m=float(np.hypot(end.sigma_m, dark_m * np.sqrt(_END_HIDDEN / 3))))

@@ -22,6 +22,7 @@ _STRIDE = 4  # columns a step
 _CANDIDATES, _APART = 4, 3  # rows on both sides of a candidate that give no other one
 _LEAST_SNR = 2.0
 _WORTH_SNR, _MOST_SNR = 3.0, 6.0  # the clearest of a column's noise is worth nothing
+_BRIGHTER_WORTH = 0.6  # of what is e times as clear as that: decides between what is clear anyway
 _STEEPEST = 1.5  # rows a column: 3 px a px
 _BEND_COST, _JUMP_COST, _FALL_COST = 0.2, 12.0, 0.1  # the first and the last for each row
 _FEWEST_STEPS, _MOST_GAP = 6, 2  # of a piece, and steps from one of its places to the next
@@ -162,7 +163,8 @@ def _brightest(light: Int32[np.ndarray, "n rows"]) -> Int[np.ndarray, "n few"]:
 def _worth(snr: Float[np.ndarray, "n few"]) -> Float[np.ndarray, "n states"]:
     """What a path earns at each candidate, and, last, nowhere."""
     nowhere = np.zeros((len(snr), 1))
-    return np.concatenate([np.minimum(snr, _MOST_SNR) - _WORTH_SNR, nowhere], axis=1)
+    brighter = _BRIGHTER_WORTH * np.log(np.maximum(snr / _MOST_SNR, 1.0))
+    return np.concatenate([np.minimum(snr, _MOST_SNR) - _WORTH_SNR + brighter, nowhere], axis=1)
 
 
 def _costs(rows: Int[np.ndarray, "n few"]) -> Float[np.ndarray, "steps states states"]:

@@ -7,18 +7,17 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from weldcell.cell.configuration import WeldConfig
-from weldcell.cell.profile import JointFeatures
 from weldcell.cell.randomness import generator
 from weldcell.scenarios.alignment import Alignment
 from weldcell.scenarios.seam_tracking import joint_kind
 from weldcell.scenarios.station import Sight, Station
 from weldcell.scenarios.welding.torch_path import TorchPath
-from weldcell.tracking.joint import JOINT_KINDS, find_joint
+from weldcell.tracking.joint import JOINT_KINDS
+from weldcell.tracking.joint_follower import JointFollower
 from weldcell.tracking.sighting import Sighting
 
 STAGE = "weld"
 _MARGIN_M = 0.012  # at the seam's ends: there the light may miss a slanting part's corners
-_FORGET_AFTER = 5  # pictures without the joint, after which it may be anywhere
 _NEWTON_STEPS = 4
 # What the arm errs by on its way, after calibration, and over what distance it errs alike. Pictures closer together
 # than that share an error: taken as independent, many of them would outvote what the tracker knows of misplacement.
@@ -31,10 +30,9 @@ class Lookout:
     def __init__(self, station: Station, path: TorchPath, alignment: Alignment, config: WeldConfig) -> None:
         self._station, self._path, self._alignment, self._config = station, path, alignment, config
         self._kind = joint_kind(station)
+        self._follower = JointFollower(self._kind, station.belief.plane)
         spacing_m = 1e-3 * config.speed_mm_s / config.frame_hz
         self._arm_sigma_m = _ARM_SIGMA_M * np.sqrt(max(1.0, _ARM_ALIKE_M / spacing_m))
-        self._previous: JointFeatures | None = None
-        self._missed = 0
         self._due_s = 0.0
         self._waiting: deque[tuple[float, Sighting]] = deque()
         self.index = 0
@@ -89,11 +87,8 @@ class Lookout:
 
     def _sighting(self, sight: Sight, crossing_m: float, arc_s: float, on_seam: bool) -> Sighting:
         station, alignment = self._station, self._alignment
-        joint = find_joint(sight.profile, self._kind, station.belief.plane, previous=self._previous)
+        joint = self._follower.find(sight.profile)
         station.log_sight(sight, alignment.T_flange_camera, joint)
-        self._missed = 0 if joint.valid else self._missed + 1
-        if joint.valid or self._missed > _FORGET_AFTER:
-            self._previous = joint if joint.valid else None
         if not joint.valid:
             return Sighting(time_s=sight.shot.time_s, arc_length_m=crossing_m, arc_s=arc_s, reason=joint.reason)
         self.valid += int(on_seam)
