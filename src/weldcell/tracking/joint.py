@@ -35,7 +35,7 @@ class JointKind:
 
 
 JOINT_KINDS = {
-    "butt": JointKind(names=BUTT_NAMES, anchor="left", find=find_butt),
+    "butt": JointKind(names=BUTT_NAMES, anchor="left", find=find_butt, kept="gap_m"),
     "v": JointKind(names=V_NAMES, anchor="root", find=find_v),
     "v-gap": JointKind(names=V_NAMES, anchor="root", find=partial(find_v, shape=GAPPED_V), kept="depth_m"),
     "bevel": JointKind(names=BEVEL_NAMES, anchor="root", find=find_bevel, kept="kept_depth_m"),

@@ -44,6 +44,7 @@ _BESIDE_M = 1e-2  # of the plate beside an edge, to tell what strays are usual o
 _BEYOND_M = 1e-3
 _LEAST_NATS = 14.0  # one in some 1400 columns may begin a gap, which costs 7; as much again keeps runs of strays out
 _KNOWN_NATS = 6.0  # of these, where the last frame says which fifty columns it is in
+_SAME_GAP_NATS, _SAME_GAP_M = 5.0, 2.5e-4  # and of the others, where it was as wide: dark runs are of any length
 _RISE_M = 3e-4  # what lies higher above the plates inside a gap covers it
 _COVERED_SHARE = 0.5
 _FITTED_M = 0.012  # of each plate of a butt joint: its ends matter, and it may be bent
@@ -68,8 +69,11 @@ class _Gap:
         return (self.ends[0].corner.x_m + self.ends[1].corner.x_m) / 2
 
 
-def find_butt(section: Section, previous_x_m: float | None = None) -> Found:
-    """The two edges of a square butt joint: of a gap, of a step, or of both."""
+def find_butt(section: Section, previous_x_m: float | None = None, *, previous_gap_m: float | None = None) -> Found:
+    """The two edges of a square butt joint: of a gap, of a step, or of both.
+
+    A gap as wide as the last frame's needs less evidence.
+    """
     if len(section.x_m) < _FEWEST_POINTS:
         return Found(reason=f"{len(section.x_m)} points are too few for a butt joint (at least {_FEWEST_POINTS})")
     pieces = [
@@ -80,12 +84,22 @@ def find_butt(section: Section, previous_x_m: float | None = None) -> Found:
     found = [_gap(section, start, end, (right, left), 1) for start, end, right, left in _stretches(section, pieces)]
     gaps = [gap for gap in found if gap is not None and is_near(gap.middle_m, previous_x_m)]
     least = _LEAST_NATS - (0.0 if previous_x_m is None else _KNOWN_NATS)
-    scores = [gap.nats - least - unlikelihood(gap.middle_m, previous_x_m) for gap in gaps]
+    scores = [
+        gap.nats - least - unlikelihood(gap.middle_m, previous_x_m) + _alike_nats(gap, previous_gap_m) for gap in gaps
+    ]
     best = best_of(scores, [gap.middle_m for gap in gaps])
     if best is None:
         return Found(reason=f"no butt joint{near_words(previous_x_m)}: no gap or step between two plates")
     gap = gaps[best[0]]
     return _butt(section, _gap(section, gap.start_m, gap.end_m, gap.plates, 3) or gap, best[1])
+
+
+def _alike_nats(gap: _Gap, previous_gap_m: float | None) -> float:
+    """What the last frame's gap, if it is known, says for this one."""
+    if not previous_gap_m:
+        return 0.0
+    width_m = _along(gap.plates, gap.ends[0].corner, gap.ends[1].corner)
+    return _SAME_GAP_NATS if abs(width_m - previous_gap_m) <= _SAME_GAP_M else 0.0
 
 
 def _stretches(section: Section, pieces: list[Piece]) -> list[tuple[float, float, Curve, Curve]]:
