@@ -15,7 +15,7 @@ from weldcell.scenarios.scanning import ScanPath, first_carried, scan
 from weldcell.scenarios.seam_view import view_paths
 from weldcell.scenarios.station import Sight, Station
 from weldcell.tracking.joint import JOINT_KINDS
-from weldcell.tracking.joint_follower import JointFollower
+from weldcell.tracking.joint_follower import SEARCH_M, JointFollower
 from weldcell.tracking.seam_fit import fit_seam
 
 
@@ -54,7 +54,7 @@ def track_seam(
     station.place_plate(misplacement)
     frames, times_s, joints_rad, T_base_flange, cameras, found = [], [], [], [], [], []
     kind = joint_kind(station)
-    follower = JointFollower(kind, station.belief.plane)
+    follower = JointFollower(kind, station.belief.plane, search_m=SEARCH_M)
     for sight in scan(station, taught_path(station), "seam"):
         joint = follower.find(sight.profile)
         station.log_sight(sight, alignment.T_flange_camera, joint)

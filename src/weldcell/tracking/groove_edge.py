@@ -18,7 +18,7 @@ _EDGES_APART_M = 3e-4
 _LEAST_NATS = 10.0
 _MOST_UNSEEN_M = 8e-3  # of a plate before its edge, if the wall tells that
 _FEW_SEEN, _FEW_SEEN_SHARE = 2, 0.1  # of the columns in between: strays
-_ON_WALL_M, _WALL_SHARE = 1.5e-4, 0.25  # how near, and of the groove's depth
+_ON_WALL_M, _FEWEST_ON_WALL, _WALL_SHARE = 1.5e-4, 10, 0.2  # how near, and of the groove's depth
 _DEEPER_M = 4e-4  # below the plate: in the groove
 _END_HIDDEN = 0.02  # share of plates' ends beside unseen walls that are no edges: 6 of 331, beside an arc
 
@@ -66,7 +66,9 @@ def _is_wall_seen(section: Section, frame: PlatesFrame, drawing: Drawing, side: 
     top_m, bottom_m = drawing.wall_at(side, 0.0), drawing.wall_at(side, drawing.depth_m)
     off_m = part.x_m - (top_m + (bottom_m - top_m) * part.z_m / drawing.depth_m)
     on = (np.abs(off_m) < _ON_WALL_M) & (part.z_m > _DEEPER_M) & (part.z_m < drawing.depth_m - drawing.radius_m / 2)
-    return bool(on.any() and np.ptp(part.z_m[on]) > _WALL_SHARE * drawing.depth_m)
+    if on.sum() < _FEWEST_ON_WALL:
+        return False
+    return bool(np.ptp(np.quantile(part.z_m[on], [0.1, 0.9])) > _WALL_SHARE * drawing.depth_m)
 
 
 def _is_dark(section: Section, first_m: float, last_m: float) -> bool:

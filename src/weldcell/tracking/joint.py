@@ -63,13 +63,14 @@ def find_joint(
         raise BadInput(f"joint kind: {kind!r} is not known. Available: {', '.join(sorted(JOINT_KINDS))}")
     joint = JOINT_KINDS[kind]
     if not profile.valid.any():
-        return _invalid(joint, profile.reason or "the profile holds no valid point")
+        return not_found(joint.names, profile.reason or "the profile holds no valid point")
     kept = {}
     if joint.kept and previous is not None and joint.kept in previous.measures:
         kept = {f"previous_{joint.kept}": previous.measures[joint.kept]}
-    found = joint.find(section_of(profile, plane), _anchor_x(joint, plane, previous), **kept)
+    near_m = anchor_x_m(kind, plane, previous) if previous is not None and previous.valid else None
+    found = joint.find(section_of(profile, plane), near_m, **kept)
     if not found.corners:
-        return _invalid(joint, found.reason)
+        return not_found(joint.names, found.reason)
     points_laser = np.array([[corner.x_m, 0.0, corner.z_m] for corner in found.corners])
     return JointFeatures(
         names=joint.names,
@@ -81,17 +82,17 @@ def find_joint(
     )
 
 
-def _anchor_x(joint: JointKind, plane: LaserPlane, previous: JointFeatures | None) -> float | None:
-    if previous is None or not previous.valid:
-        return None
-    anchor_camera = previous.points_camera[previous.names.index(joint.anchor)]
+def anchor_x_m(kind: str, plane: LaserPlane, joint: JointFeatures) -> float:
+    """x, in the laser frame, of the feature that a tracker follows."""
+    anchor_camera = joint.points_camera[joint.names.index(JOINT_KINDS[kind].anchor)]
     return float(plane.T_camera_laser.inv().apply(anchor_camera)[0])
 
 
-def _invalid(joint: JointKind, reason: str) -> JointFeatures:
-    count = len(joint.names)
+def not_found(names: tuple[str, ...], reason: str) -> JointFeatures:
+    """Features that are not there, and why."""
+    count = len(names)
     return JointFeatures(
-        names=joint.names,
+        names=names,
         points_camera=np.full((count, 3), np.nan),
         sigma_m=np.full(count, np.nan),
         valid=False,

@@ -26,7 +26,7 @@ _LEAST_DENSITY = 0.8  # points for a pixel of a piece: speckle leaves more than 
 _STEEPEST = 2.5  # across for along, over such a gap
 _LEAST_PIECE_PX = 24.0  # no stripe is shorter, nor than this share of the picture's shorter side:
 _LEAST_STRIPE_SHARE = 0.1
-_FEWEST_POINTS = 64  # of the longest piece, in the picture that it was found in: a board's corners are crumbs there
+_FEWEST_POINTS, _FEWEST_SHARE = 96, 0.6  # of the longest piece, or of its picture's side: a board's corners make crumbs
 _LEAST_PIECE_SHARE = 0.05  # of the longest piece: shorter ones are crumbs of what else is in view
 _CHUNK = 16  # points that tell a direction
 _DIRECTIONS = 36
@@ -63,8 +63,12 @@ def stripes_in_picture(
     lengths = [_clear_length_px(ways[0]) for ways in by_shrinking]
     ways = next(ways for ways, px in zip(by_shrinking, lengths, strict=True) if px >= _FINER_SHARE * max(lengths))
     worth = [way for way in ways if _clear_length_px(way) >= _WORTH_SHARE * _clear_length_px(ways[0])]
-    least_px = max(_LEAST_PIECE_PX, _LEAST_STRIPE_SHARE * min(picture.shape[:2]))
-    return [_without_crumbs(way, least_px) for way in worth]
+    side_px = min(picture.shape[:2])
+    least_px = max(_LEAST_PIECE_PX, _LEAST_STRIPE_SHARE * side_px)
+    return [
+        _without_crumbs(way, max(least_px, min(_FEWEST_POINTS * way.shrinking, _FEWEST_SHARE * side_px)))
+        for way in worth
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +282,7 @@ def _without_crumbs(found: PictureStripe, least_px: float) -> PictureStripe:
     piece, lengths = _pieces(found), _piece_lengths_px(found)
     longest = lengths.max()
     keep = (lengths >= max(_LEAST_PIECE_PX * found.shrinking, _LEAST_PIECE_SHARE * longest))[piece] & (
-        longest >= max(least_px, _FEWEST_POINTS * found.shrinking)
+        longest >= least_px
     )
     stripe = found.stripe
     kept = Stripe(u_px=stripe.u_px[keep], v_px=stripe.v_px[keep], sigma_px=stripe.sigma_px[keep])

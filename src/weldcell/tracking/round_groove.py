@@ -40,7 +40,7 @@ _FEWEST_ON_PLATE = 25
 _LEAST_INLIER_SHARE = 0.4
 _LEAST_PLATE_M = 3e-3
 _WIDTH_M = (2e-3, 6e-2)
-_LEAST_DEPTH_M = 1.5e-3
+_LEAST_DEPTH_M, _MOST_MISMATCH_M = 1.5e-3, 5e-3
 _GUARD_M = 4e-4
 _LOPSIDED_SHARE = 0.1
 _FEWEST_BETWEEN = 15
@@ -102,6 +102,9 @@ def _opening(section: Section, right: Piece, left: Piece) -> _Opening | None:
     if min(right.end_m - right.start_m, left.end_m - left.start_m) < _LEAST_PLATE_M or not is_plate_pair(right, left):
         return None
     if not _WIDTH_M[0] <= left.start_m - right.end_m <= _WIDTH_M[1]:
+        return None
+    middle_m = (right.end_m + left.start_m) / 2
+    if abs(right.z_at(middle_m) - left.z_at(middle_m)) > _MOST_MISMATCH_M:
         return None
     one = _Opening(right=right, left=left)
     depths = _depths_between(section, one)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from weldcell.cell.errors import BadGeometry
+from weldcell.tracking.joint_follower import SEARCH_M
 from weldcell.tracking.seam_model import SeamPriors
 
 TrackerState = Literal["searching", "tracking", "coasting", "end", "lost"]
@@ -76,8 +77,8 @@ class TrackerSettings:
     """Sightings below it count as not seen."""
     least_sigma_m: float = 0.01e-3
     """Added in quadrature to each sighting's sigma: what the arm does from frame to frame."""
-    search_gate_m: float = 20e-3
-    """How far from the taught path the seam is looked for at first: 10 mm, and 3 degrees over half of 300 mm."""
+    search_gate_m: float = SEARCH_M
+    """How far from the taught path the seam is looked for at first."""
     gate_sigmas: float = 5.0
     """How far from where it is expected the seam is believed, once found."""
     least_gate_m: float = 0.3e-3

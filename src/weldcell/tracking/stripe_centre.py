@@ -24,7 +24,6 @@ from jaxtyping import Bool, Float, Float32, Int, Shaped
 from weldcell.tracking.stripe_faint import REACH_PX, path_at
 from weldcell.tracking.stripe_noise import Spread, excess_noise
 from weldcell.tracking.stripe_search import (
-    BACKGROUND_APART_PX,
     QUANTISATION_GREY,
     STEP_NOISE,
     RoughStripe,
@@ -130,7 +129,7 @@ def _background_variance(
     noise_grey = windows.noise_grey * STEP_NOISE + QUANTISATION_GREY
     doubt = np.maximum(np.abs(windows.background_step) - 3 * noise_grey, 0) / 2
     pull = second_moment(windows, weighted.weight, weighted.centre) * variance / weighted.second
-    return (noise_grey * noise_grey + doubt * doubt) * np.square(pull / BACKGROUND_APART_PX)
+    return (noise_grey * noise_grey + doubt * doubt) * np.square(pull / windows.background_apart_px)
 
 
 def _pooled(variance: Float32[np.ndarray, "n"]) -> Float32[np.ndarray, "n"]:

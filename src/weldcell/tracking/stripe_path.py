@@ -13,20 +13,20 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, Int32, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 _TOGETHER, _SHEARS = 2, (-1, 0, 1)  # columns on both sides that are summed, along so many rows a column
 _SIDE_ROWS = (2, 4)  # 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
 _FAR_ROWS = (3, 5)  # that tell how the light falls towards a core
 _STRIDE = 4  # columns a step
-_CANDIDATES, _APART = 4, 3  # rows on both sides of a candidate that give no other one
+_CANDIDATES, _APART = 3, 3  # rows on both sides of a candidate that give no other one
 _LEAST_SNR = 2.0
 _WORTH_SNR, _MOST_SNR = 3.0, 6.0  # the clearest of a column's noise is worth nothing
 _BRIGHTER_WORTH = 0.6  # of what is e times as clear as that: decides between what is clear anyway
 _STEEPEST = 1.5  # rows a column: 3 px a px
 _BEND_COST, _JUMP_COST, _FALL_COST = 0.2, 12.0, 0.1  # the first and the last for each row
 _FEWEST_STEPS, _MOST_GAP = 6, 2  # of a piece, and steps from one of its places to the next
-_LEVELS, _SAMPLES = 8, 64  # of brightness; rows and columns that tell the noise
+_LEVELS, _SAMPLES = 8, 48  # of brightness; rows and columns that tell the noise
 _SATURATED_SHARE = 0.98
 _ROUNDING = 0.5
 
@@ -111,7 +111,7 @@ def stripe_path(
     level = cv2.transpose(cores)[::_STRIDE]
     sigma = np.sqrt(2 * _TOGETHER + 1) * noise.sigma(np.arange(int(cores.max()) + 1.0))
     least = _ROUNDING * (2 * _TOGETHER + 1) + _LEAST_SNR * sigma
-    light = np.maximum(light - np.rint(least).astype(np.int32)[level], 0)
+    light = np.maximum(light - np.rint(least).astype(light.dtype).take(level), 0)
     each = np.arange(len(light))
     rows = _brightest(light)
     found = light[each[:, None], rows]
@@ -132,15 +132,16 @@ def _in_runs(steps: Int[np.ndarray, "n"], rows: Int[np.ndarray, "n"]) -> Bool[np
     return np.bincount(run)[run] >= _FEWEST_STEPS if len(run) else np.zeros(0, bool)
 
 
-def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int32[np.ndarray, "n rows"]:
+def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int[np.ndarray, "n rows"]:
     """The largest of the sums over five columns, level, rising or falling, about every other column."""
     height, width = response.shape
     apart = _TOGETHER * max(_SHEARS)
-    padded = np.zeros((width + 2 * _TOGETHER, height + 2 * apart), np.int32)
+    kind = np.int16 if response.dtype == np.uint8 else np.int32
+    padded = np.zeros((width + 2 * _TOGETHER, height + 2 * apart), kind)
     padded[_TOGETHER:-_TOGETHER, apart : apart + height] = cv2.transpose(response)
     sums = []
     for shear in _SHEARS:
-        total = np.zeros((-(-width // _STRIDE), height), np.int32)
+        total = np.zeros((-(-width // _STRIDE), height), kind)
         for aside in range(-_TOGETHER, _TOGETHER + 1):
             first = apart + shear * aside
             total += padded[_TOGETHER + aside : _TOGETHER + aside + width : _STRIDE, first : first + height]
@@ -148,7 +149,7 @@ def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int32[np.ndarray, "n rows
     return np.maximum.reduce(sums)
 
 
-def _brightest(light: Int32[np.ndarray, "n rows"]) -> Int[np.ndarray, "n few"]:
+def _brightest(light: Int[np.ndarray, "n rows"]) -> Int[np.ndarray, "n few"]:
     """The brightest rows of each step, with none beside another."""
     each, height = np.arange(len(light)), light.shape[1]
     left = cv2.copyMakeBorder(light, 0, 0, _APART, _APART, cv2.BORDER_CONSTANT, value=0)
@@ -189,14 +190,14 @@ def best_states(
     middles = []
     while len(gains) > 1:
         pairs = len(gains) // 2
-        ways = gains[0 : 2 * pairs : 2, :, :, None] + gains[1 : 2 * pairs : 2, None, :, :]
-        middle = ways.argmax(axis=2)
-        merged = np.take_along_axis(ways, middle[:, :, None], axis=2)[:, :, 0]
-        middles.append(middle)
-        gains = np.concatenate([merged, gains[2 * pairs :]])
+        first, second = gains[0 : 2 * pairs : 2], gains[1 : 2 * pairs : 2].transpose(0, 2, 1)
+        ways = first[:, :, None, :] + second[:, None, :, :]
+        middles.append(ways.argmax(axis=3))
+        gains = np.concatenate([ways.max(axis=3), gains[2 * pairs :]])
     ends = np.array(np.unravel_index(gains[0].argmax(), gains[0].shape))
     for middle in reversed(middles):  # the states between which each way leads, from the ends inwards
-        pairs = len(middle)
-        between = middle[np.arange(pairs), ends[:pairs], ends[1 : pairs + 1]]
-        ends = np.insert(ends, np.arange(1, pairs + 1), between)
+        pairs, outer = len(middle), ends
+        ends = np.empty(len(outer) + pairs, np.int64)
+        ends[2 * pairs :], ends[: 2 * pairs : 2] = outer[pairs:], outer[:pairs]
+        ends[1 : 2 * pairs : 2] = middle[np.arange(pairs), outer[:pairs], outer[1 : pairs + 1]]
     return ends

@@ -19,7 +19,8 @@ _FAINT_SNR = 2.0  # beside what is seen
 _CLEAR_SHARE = 0.95  # of cell columns that show the stripe: then nothing faint is looked for
 _ROUNDING = 1.0  # two averages, each rounded to a level
 _REACH_CELLS = 4  # a stripe's light is looked for in so many cells to either side
-_BACKGROUND_CELLS = (5, 6)  # 20 and 24 px off
+_BACKGROUND_CELLS, _NEAR_BACKGROUND_CELLS = (5, 6), (3, 4)  # 20 and 24 px off, or 12 and 16 beside a narrow stripe
+_NARROW_PX2 = 6.0
 _FIRST_VARIANCE_PX2 = np.float32(16.0)
 _LEAST_VARIANCE_PX2, _MOST_VARIANCE_PX2 = 0.5, 49.0
 _MOST_SHIFT_PX = 8.0
@@ -47,6 +48,8 @@ class RoughStripe:
     """Its rise with the row, in grey levels a pixel."""
     background_step: Float32[np.ndarray, "n"]
     """Background below the stripe minus background above it, grey levels."""
+    background_apart_px: float
+    """From the middle of the background above to the middle of that below."""
 
 
 _OFFSET = np.arange(-max(_BACKGROUND_CELLS), max(_BACKGROUND_CELLS) + 2)[:, None]
@@ -55,8 +58,6 @@ _FIRST_WEIGHT = np.exp(-0.5 * _AWAY_PX**2 / _FIRST_VARIANCE_PX2) * (np.abs(_AWAY
 _MOMENTS = np.stack([_FIRST_WEIGHT, _FIRST_WEIGHT * _AWAY_PX, _FIRST_WEIGHT * _AWAY_PX**2])  # order 0, 1 and 2
 _MOMENTS_OF_LEVEL, _MOMENTS_OF_SLOPE = _MOMENTS.sum(axis=1)[:, None], (_MOMENTS @ _AWAY_PX)[:, None]
 
-BACKGROUND_APART_PX = CELL_ROWS * (sum(_BACKGROUND_CELLS) + 1.0)
-"""From the middle of the background above to the middle of that below."""
 LEVEL_BIAS = 0.2
 """How far the background's level lies below its mean, as a share of a pixel's noise: the darker of two cells."""
 STEP_NOISE = 0.3
@@ -169,14 +170,19 @@ def _measured(
 ) -> RoughStripe:
     """Centre, width and background in cell columns `found`, about the cells `first` and the next one."""
     grey = picked(cells, first, _OFFSET, found)
-    near, far = _BACKGROUND_CELLS
-    # The darker of two cells, so that no reflection counts; then the median of neighbours, against noise.
-    above = cv2.medianBlur(np.minimum(grey[:1], grey[far - near]), 5)[0]
-    below = cv2.medianBlur(np.minimum(grey[-1:], grey[-1 - far + near]), 5)[0]
-    step = below - above
-    middle, slope = (above + below) / 2, step / np.float32(BACKGROUND_APART_PX)
-    moments = _MOMENTS @ grey - _MOMENTS_OF_LEVEL * middle - _MOMENTS_OF_SLOPE * slope
-    centre, variance = adapted(np.float32(0), _FIRST_VARIANCE_PX2, *moments)
+    moments = _MOMENTS @ grey
+    for near, far in (_BACKGROUND_CELLS, _NEAR_BACKGROUND_CELLS):
+        # The darker of two cells, so that no reflection counts; then the median of neighbours, against noise.
+        reach = max(_BACKGROUND_CELLS)
+        above = cv2.medianBlur(np.minimum(grey[reach - far], grey[reach - near])[None], 5)[0]
+        below = cv2.medianBlur(np.minimum(grey[reach + 1 + far], grey[reach + 1 + near])[None], 5)[0]
+        apart_px = CELL_ROWS * (near + far + 1.0)
+        step = below - above
+        middle, slope = (above + below) / 2, step / np.float32(apart_px)
+        light = moments - _MOMENTS_OF_LEVEL * middle - _MOMENTS_OF_SLOPE * slope
+        centre, variance = adapted(np.float32(0), _FIRST_VARIANCE_PX2, *light)
+        if np.median(variance) > _NARROW_PX2 + _CELL_VARIANCE_PX2:
+            break
     by_cell = np.empty((5, len(found), CELL_COLUMNS), np.float32)
     by_cell[0] = ((first + 1) * CELL_ROWS - 0.5 + centre)[:, None]
     by_cell[1] = np.maximum(variance - _CELL_VARIANCE_PX2, _LEAST_VARIANCE_PX2)[:, None]
@@ -189,6 +195,7 @@ def _measured(
         background_grey=background_grey,
         background_slope=background_slope,
         background_step=background_step,
+        background_apart_px=apart_px,
     )
 
 

@@ -27,7 +27,7 @@ def parted_at_steps(image: Shaped[np.ndarray, "height width"], rough: RoughStrip
     better = _light(image, rough, columns[own], other) > _light(image, rough, columns[own], own)
     source = np.arange(len(columns))
     source[own[better]] = other[better]
-    moved = {name: values[source] for name, values in vars(rough).items() if name != "columns"}
+    moved = {name: values[source] for name, values in vars(rough).items() if np.ndim(values) and name != "columns"}
     return replace(rough, **moved)
 
 

@@ -31,6 +31,8 @@ class Windows:
     """Standard deviation of the background's noise."""
     background_step: Float32[np.ndarray, "n"]
     """Background below the stripe minus background above it."""
+    background_apart_px: float
+    """From the middle of the one to that of the other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +74,7 @@ def cut_windows(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -
         signal=signal,
         noise_grey=noise_grey,
         background_step=rough.background_step,
+        background_apart_px=rough.background_apart_px,
     )
 
 

@@ -13,7 +13,7 @@ from weldcell.scenarios.seam_tracking import joint_kind
 from weldcell.scenarios.station import Sight, Station
 from weldcell.scenarios.welding.torch_path import TorchPath
 from weldcell.tracking.joint import JOINT_KINDS
-from weldcell.tracking.joint_follower import JointFollower
+from weldcell.tracking.joint_follower import SEARCH_M, JointFollower
 from weldcell.tracking.sighting import Sighting
 
 STAGE = "weld"
@@ -30,7 +30,7 @@ class Lookout:
     def __init__(self, station: Station, path: TorchPath, alignment: Alignment, config: WeldConfig) -> None:
         self._station, self._path, self._alignment, self._config = station, path, alignment, config
         self._kind = joint_kind(station)
-        self._follower = JointFollower(self._kind, station.belief.plane)
+        self._follower = JointFollower(self._kind, station.belief.plane, search_m=SEARCH_M)
         spacing_m = 1e-3 * config.speed_mm_s / config.frame_hz
         self._arm_sigma_m = _ARM_SIGMA_M * np.sqrt(max(1.0, _ARM_ALIKE_M / spacing_m))
         self._due_s = 0.0
