@@ -73,7 +73,8 @@ PARTS: dict[str, Callable[[], Tables]] = {
     "accuracy": accuracy.tables,
     "weld": welding.figures,
     "hand-eye": hand_eye_methods.tables,
-    "seams": seams.tables,
+    "seams": lambda: seams.tables(seams.NOMINAL),
+    "seams-arc": lambda: seams.tables(seams.WELDING),
     "covariance": lambda: {"Predicted covariance against 500 trials": covariance.figures()},
 }
 

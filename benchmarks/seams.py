@@ -99,24 +99,23 @@ def cases() -> list[Case]:
     return both + [Case(joint=joint, path=path, condition=NOMINAL) for joint, path in others]
 
 
-def tables(seeds: Sequence[int] = SEEDS, chosen: Sequence[Case] | None = None) -> dict[str, list[Figure] | Grid]:
-    """A table for each condition, and the worst of the asked seams against what is asked."""
-    chosen = cases() if chosen is None else chosen
+def tables(condition: Condition, seeds: Sequence[int] = SEEDS) -> dict[str, list[Figure] | Grid]:
+    """A row for each seam under one condition, and the worst of the asked ones against what is asked."""
+    chosen = [case for case in cases() if case.condition is condition]
     os.environ |= ONE_THREAD
     with ProcessPoolExecutor(AT_ONCE, mp_context=multiprocessing.get_context("spawn")) as pool:
         alignments = dict(zip(seeds, pool.map(aligned, seeds), strict=True))
         runs = [(case, seed, alignments[seed]) for case in chosen for seed in seeds]
-        results = list(pool.map(measured, *zip(*runs, strict=True)))
-    rows = {case: _medians(results[k * len(seeds) : (k + 1) * len(seeds)]) for k, case in enumerate(chosen)}
-    found: dict[str, list[Figure] | Grid] = {}
-    for condition in (NOMINAL, WELDING):
-        part = {case: row for case, row in rows.items() if case.condition is condition}
-        if not part:
-            continue
-        title = f"Seams, {condition.name}: medians over seeds {seeds[0]} to {seeds[-1]}"
-        found[title] = Grid(title=title, columns=_COLUMNS, rows=[_cells(*item) for item in part.items()])
-        found[f"{condition.name}, worst of all joints"] = list(_worst(condition, part))
-    return found
+        results = pool.map(measured, *zip(*runs, strict=True))
+        rows = {}
+        for case in chosen:
+            rows[case] = _medians([next(results) for _ in seeds])
+            print(*_cells(case, rows[case]), flush=True)
+    title = f"Seams, {condition.name}: medians over seeds {seeds[0]} to {seeds[-1]}"
+    return {
+        title: Grid(title=title, columns=_COLUMNS, rows=[_cells(*item) for item in rows.items()]),
+        f"{condition.name}, worst of all joints": list(_worst(condition, rows)),
+    }
 
 
 def aligned(seed: int) -> Alignment:
@@ -176,8 +175,6 @@ def _cells(case: Case, row: dict[str, float]) -> tuple[str, ...]:
 
 def _worst(condition: Condition, rows: dict[Case, dict[str, float]]) -> Iterator[Figure]:
     asked = {case: row for case, row in rows.items() if case.is_asked}
-    if not asked:
-        return
     case = min(asked, key=lambda case: asked[case]["valid_ratio"])
     yield Figure(
         name=f"valid frames ({case.joint}, {case.path})",
