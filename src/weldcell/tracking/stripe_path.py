@@ -35,8 +35,7 @@ def over_slopes(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows
     """What stands out of both its sides, and out of the slope of light that they are on.
 
     A core is compared with its sides' mean, which is right on a slope, but half of an edge; and with each side, less
-    what the light falls from there to the core. Light that rises towards the core adds nothing: beyond an edge it says
-    nothing of this side.
+    what the light falls towards the core, as far as it falls on alike behind it: an edge does not.
     """
     reach, count = _FAR_ROWS[1], len(cores)
     padded = cv2.copyMakeBorder(cores, reach, reach, 0, 0, cv2.BORDER_REPLICATE)
@@ -103,7 +102,7 @@ def _trimmed_rms(values: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k"]:
 def stripe_path(
     response: Shaped[np.ndarray, "rows k"], cores: Shaped[np.ndarray, "rows k"], noise: NoiseModel
 ) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    """Columns and rows that the best path goes through, every other column where it is anywhere.
+    """Columns and rows that the best path goes through, in every fourth column where it is anywhere.
 
     `response` is what stands out of its surroundings, `cores` how bright it is.
     """
@@ -133,7 +132,7 @@ def _in_runs(steps: Int[np.ndarray, "n"], rows: Int[np.ndarray, "n"]) -> Bool[np
 
 
 def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int[np.ndarray, "n rows"]:
-    """The largest of the sums over five columns, level, rising or falling, about every other column."""
+    """The largest of the sums over five columns, level, rising or falling, about every fourth one."""
     height, width = response.shape
     apart = _TOGETHER * max(_SHEARS)
     kind = np.int16 if response.dtype == np.uint8 else np.int32
