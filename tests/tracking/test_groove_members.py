@@ -76,7 +76,7 @@ def test_a_foot_that_a_bend_hides_is_where_it_was_before():
         assert errors_m(previous, truth).max() < 3 * COLUMN_M
     alone, truth = _bevel(1.2e-3, rng)
     assert errors_m(alone, truth)[1] > 5 * COLUMN_M  # what is hidden looks like a gap
-    assert alone.sigma_m[1] > 0.3 * errors_m(alone, truth)[1] and alone.confidence[1] < 0.5  # and says so
+    assert alone.sigma_m[1] > 0.3 * errors_m(alone, truth)[1] and alone.confidence[1] < 0.7  # and says so
 
 
 def test_a_bevels_gap_that_was_seen_stays():

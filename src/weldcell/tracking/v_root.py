@@ -14,7 +14,7 @@ _DEEPER_M = 3e-4
 _FILLED_SHARE, _FEWEST_FILLING = 0.5, 6
 _FEWEST_TELLING = 2
 _LOST_SHARE, _LOST_M = 0.15, 4e-4  # of ends that lost columns or are hidden, and by how much, on average
-_HIGHER_M, _HIGHER_SIGMAS = 2e-4, 2.5  # ends so much higher than the last frame's are hidden, or lost columns
+_HIGHER_M, _HIGHER_SIGMAS = 1e-4, 1.0  # ends so much higher than the last frame's are hidden, or lost columns
 _RISE_M, _KEPT_SIGMA_M = 2e-5, 8e-5  # of the depth kept: it gives way in some frames if it was too deep
 _WALL_SHARE = 0.3  # from here down a wall tells what strays are usual on it
 
