@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from weldcell.tracking.stripe_faint import REACH_PX, path_at
 from weldcell.tracking.stripe_noise import Spread, excess_noise
+from weldcell.tracking.stripe_pieces import in_long_pieces
 from weldcell.tracking.stripe_search import (
     QUANTISATION_GREY,
     STEP_NOISE,
@@ -219,9 +220,7 @@ def _in_long_piece(
     if len(columns) == 0:
         return np.zeros(0, bool)
     jump = np.abs(np.diff(v_px)) > 4 + 4 * np.sqrt(width_px2[1:])
-    piece = np.zeros(len(columns), np.int64)
-    np.cumsum(jump | (np.diff(columns) > most_gap_px), out=piece[1:])
-    return np.bincount(piece)[piece] >= _SHORTEST_PIECE
+    return in_long_pieces(jump | (np.diff(columns) > most_gap_px), _SHORTEST_PIECE)
 
 
 def _flatness(

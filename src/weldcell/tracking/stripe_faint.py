@@ -12,8 +12,10 @@ from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 REACH_PX = 12
 """Columns so far from clear ones may be faint."""
+STEEPEST_CELLS = 1.5
+"""Rows of cells a column of them that a stripe may climb: 3 px a px."""
 _BAND_CELLS = 2  # to either side of the path
-_STEEPEST_CELLS, _SLACK_CELLS = 1.5, 2.0  # cells a cell column: 3 px a px
+_SLACK_CELLS = 2.0
 _JUMP_CELLS = 3  # columns from a jump to where the path is sure
 _STEEPEST, _SLACK_PX = 3.0, 4.0
 
@@ -64,10 +66,10 @@ def beside(
     Where the path jumps is not known to the column, so that both of its ends are looked at there.
     """
     each = np.arange(response.shape[1])
-    path = path_at(each, columns, rows.astype(np.float32), reach_cells, _STEEPEST_CELLS, _SLACK_CELLS)
+    path = path_at(each, columns, rows.astype(np.float32), reach_cells, STEEPEST_CELLS, _SLACK_CELLS)
     best = _brightest_in_band(response, each, path.at)
     before, after = (path.at[np.clip(each + way * _JUMP_CELLS, 0, len(each) - 1)] for way in (-1, 1))
-    jump = np.flatnonzero(np.abs(after - before) > 2 * _JUMP_CELLS * _STEEPEST_CELLS + _SLACK_CELLS)
+    jump = np.flatnonzero(np.abs(after - before) > 2 * _JUMP_CELLS * STEEPEST_CELLS + _SLACK_CELLS)
     for side in (before, after):
         other = _brightest_in_band(response, jump, side[jump])
         better = response[other, jump] > response[best[jump], jump]

@@ -15,6 +15,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from weldcell.tracking.stripe_faint import STEEPEST_CELLS
+from weldcell.tracking.stripe_pieces import in_long_pieces
+
 _TOGETHER, _SHEARS = 2, (-1, 0, 1)  # columns on both sides that are summed, along so many rows a column
 _SIDE_ROWS = (2, 4)  # 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
 _FAR_ROWS = (3, 5)  # that tell how the light falls towards a core
@@ -23,7 +26,6 @@ _CANDIDATES, _APART = 3, 3  # rows on both sides of a candidate that give no oth
 _LEAST_SNR = 2.0
 _WORTH_SNR, _MOST_SNR = 3.0, 6.0  # the clearest of a column's noise is worth nothing
 _BRIGHTER_WORTH = 0.6  # of what is e times as clear as that: decides between what is clear anyway
-_STEEPEST = 1.5  # rows a column: 3 px a px
 _BEND_COST, _JUMP_COST, _FALL_COST = 0.2, 12.0, 0.1  # the first and the last for each row
 _FEWEST_STEPS, _MOST_GAP = 6, 2  # of a piece, and steps from one of its places to the next
 _LEVELS, _SAMPLES = 8, 48  # of brightness; rows and columns that tell the noise
@@ -125,10 +127,11 @@ def stripe_path(
 
 def _in_runs(steps: Int[np.ndarray, "n"], rows: Int[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
     """Which places are part of a piece: what stands out in fewer columns is no stripe."""
-    run = np.zeros(len(steps), np.int64)
+    if len(steps) == 0:
+        return np.zeros(0, bool)
     gaps = np.diff(steps)
-    np.cumsum((gaps > _MOST_GAP) | (np.abs(np.diff(rows)) > 1 + _STEEPEST * _STRIDE * gaps), out=run[1:])
-    return np.bincount(run)[run] >= _FEWEST_STEPS if len(run) else np.zeros(0, bool)
+    broken = (gaps > _MOST_GAP) | (np.abs(np.diff(rows)) > 1 + STEEPEST_CELLS * _STRIDE * gaps)
+    return in_long_pieces(broken, _FEWEST_STEPS)
 
 
 def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int[np.ndarray, "n rows"]:
@@ -173,7 +176,7 @@ def _costs(rows: Int[np.ndarray, "n few"]) -> Float[np.ndarray, "steps states st
     costs = np.full((len(rows) - 1, few + 1, few + 1), _JUMP_COST / 2)
     costs[:, few, few] = 0.0
     fall = np.abs(rows[1:, None, :] - rows[:-1, :, None])
-    joined = fall <= 1 + _STEEPEST * _STRIDE
+    joined = fall <= 1 + STEEPEST_CELLS * _STRIDE
     costs[:, :few, :few] = np.where(joined, _BEND_COST * fall, _JUMP_COST + _FALL_COST * fall)
     return costs
 

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from weldcell.tracking.stripe_faint import REACH_PX, beside
 from weldcell.tracking.stripe_path import NoiseModel, noise_model, over_slopes, stripe_path
+from weldcell.tracking.stripe_pieces import in_long_pieces
 
 CELL_ROWS, CELL_COLUMNS = 4, 2
 _SIDE_CELLS = (2, 3, 4)  # sides 8 to 16 px off: clear of a stripe of 3 px sigma, and not of a patch 24 px wide
@@ -106,9 +107,7 @@ def _along_path(
 def _in_pieces(rows: Int[np.ndarray, "k"], seen: Bool[np.ndarray, "k"]) -> Bool[np.ndarray, "k"]:
     """Which cell columns are seen together with some of their neighbours, at places that hold together."""
     apart = (np.abs(np.diff(rows)) > _STEP_CELLS) | ~seen[1:] | ~seen[:-1]
-    piece = np.zeros(len(seen), np.int64)
-    np.cumsum(apart, out=piece[1:])
-    return seen & (np.bincount(piece)[piece] >= _FEWEST_CELLS)
+    return seen & in_long_pieces(apart, _FEWEST_CELLS)
 
 
 def _snr(
