@@ -99,3 +99,14 @@ def test_both_columns_of_a_pair_that_a_step_parts_are_found(edge_px):
     beside = np.abs(stripe.u_px - edge_px + 0.5) < 4
     assert np.array_equal(stripe.u_px[beside], np.arange(edge_px - 4, edge_px + 4))
     assert np.abs(stripe.v_px[beside] - rows[edge_px - 4 : edge_px + 4]).max() < 0.5  # px
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_ends_that_are_left_out_as_unlikely_change_nothing(seed, monkeypatch):
+    section = _ended(100.3, np.random.default_rng(seed))
+    some = curve_end(section, line_curve(0.0, 0.2), 30 * COLUMN_M, 125 * COLUMN_M)
+    monkeypatch.setattr("weldcell.tracking.curve_end._NEGLIGIBLE_NATS", np.inf)
+    every = curve_end(section, line_curve(0.0, 0.2), 30 * COLUMN_M, 125 * COLUMN_M)
+    assert abs(some.corner.x_m - every.corner.x_m) < 1e-6 * every.corner.sigma_m
+    assert some.corner.sigma_m == pytest.approx(every.corner.sigma_m, rel=1e-5)
+    assert some.nats == pytest.approx(every.nats, abs=1e-3)  # what is left of the blur beyond its reach

@@ -9,10 +9,10 @@ would be with the gap and without; a gap that is seen again is one. A gap as nar
 doubted: a sensor that is turned by a degree loses these columns in every frame.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from weldcell.tracking.curves import Curve
 from weldcell.tracking.section import Corner, Section
@@ -44,10 +44,10 @@ class Foot:
 def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end: Corner, kept_m: float | None) -> Foot:
     """The foot, from the square edge and the bevel's end, with the depth kept from frames before."""
     lean = square.slope_at(edge.x_m)
-    along = np.array([1.0, lean]) / np.hypot(1.0, lean)  # the square plate
+    along = (1 / math.hypot(1.0, lean), lean / math.hypot(1.0, lean))  # the square plate
     meeting = _on_face(square, bevel, edge)
     seen_m, deepest_m = (_depth(along, edge, one) for one in (end, meeting))
-    tolerance_m = float(np.clip(_HIDDEN_SIGMAS * end.sigma_m, *_HIDDEN_M))
+    tolerance_m = min(max(_HIDDEN_SIGMAS * end.sigma_m, _HIDDEN_M[0]), _HIDDEN_M[1])
     if _ends_in_shadow(section, edge, end, meeting):
         edge = _edge_by_foot(section, square, edge, end, meeting)
         meeting = _on_face(square, bevel, edge)
@@ -63,33 +63,32 @@ def bevel_foot(section: Section, square: Curve, bevel: Curve, edge: Corner, end:
         end = _at_depth(bevel, end, along, depth_m - seen_m)
     else:
         kept_m = _kept(seen_m, kept_m, tolerance_m)
-    gap_m = float(along @ [edge.x_m - end.x_m, edge.z_m - end.z_m])
+    gap_m = along[0] * (edge.x_m - end.x_m) + along[1] * (edge.z_m - end.z_m)
     if depth_m > deepest_m - tolerance_m or gap_m <= 0:
         return Foot(root=meeting, edge=edge, gap_m=0.0, depth_m=deepest_m, kept_depth_m=kept_m)
     # The gap's ends are independent; the middle moves by half of each.
-    sigma_m = 0.5 * float(np.hypot(end.sigma_m, edge.sigma_m))
-    x_m, z_m = np.array([end.x_m, end.z_m]) + gap_m / 2 * along
-    lost_m = _MOST_LOST_SPACINGS * float(np.median(np.diff(section.x_m)))
+    sigma_m = 0.5 * math.hypot(end.sigma_m, edge.sigma_m)
+    x_m, z_m = end.x_m + gap_m / 2 * along[0], end.z_m + gap_m / 2 * along[1]
+    lost_m = _MOST_LOST_SPACINGS * section.spacing_m
     feigned_m = lost_m + depth_m**2 / (2 * _TIGHTEST_BEND_M)
     if gap_m < (feigned_m if first_seen else lost_m):  # a gap, or what is hidden: midway between the roots of both
         x_m, z_m = (x_m + meeting.x_m) / 2, (z_m + meeting.z_m) / 2
-        doubt_m = float(np.hypot(x_m - meeting.x_m, z_m - meeting.z_m))
+        doubt_m = math.hypot(x_m - meeting.x_m, z_m - meeting.z_m)
     else:
         doubt_m = _DOUBT_SHARE * gap_m if gap_m < feigned_m else 0.0
-    sigma_m = float(np.hypot(sigma_m, min(doubt_m, _MOST_DOUBT_M)))
-    root = Corner(x_m=float(x_m), z_m=float(z_m), sigma_m=sigma_m)
+    root = Corner(x_m=x_m, z_m=z_m, sigma_m=math.hypot(sigma_m, min(doubt_m, _MOST_DOUBT_M)))
     return Foot(root=root, edge=edge, gap_m=gap_m, depth_m=depth_m, kept_depth_m=kept_m)
 
 
-def _depth(along: Float[np.ndarray, "2"], edge: Corner, corner: Corner) -> float:
+def _depth(along: tuple[float, float], edge: Corner, corner: Corner) -> float:
     """Depth of a corner below the square plate, which runs `along` through its edge."""
-    return float(np.array([-along[1], along[0]]) @ [corner.x_m - edge.x_m, corner.z_m - edge.z_m])
+    return along[0] * (corner.z_m - edge.z_m) - along[1] * (corner.x_m - edge.x_m)
 
 
-def _at_depth(bevel: Curve, end: Corner, direction: Float[np.ndarray, "2"], deeper_m: float) -> Corner:
+def _at_depth(bevel: Curve, end: Corner, direction: tuple[float, float], deeper_m: float) -> Corner:
     """The bevel's end this much deeper below the plate along `direction`."""
     slope = bevel.slope_at(end.x_m)
-    step_m = deeper_m / float(np.array([-direction[1], direction[0]]) @ [1.0, slope])
+    step_m = deeper_m / (direction[0] * slope - direction[1])
     return replace(end, x_m=end.x_m + step_m, z_m=end.z_m + slope * step_m)
 
 
@@ -102,8 +101,7 @@ def _kept(depth_m: float, kept_m: float | None, tolerance_m: float) -> float:
 
 def _ends_in_shadow(section: Section, edge: Corner, end: Corner, meeting: Corner) -> bool:
     """Whether the bevel is seen as far as the square edge and its face let it."""
-    spacing_m = float(np.median(np.diff(section.x_m)))
-    return _farthest_seen_m(section, edge, end, meeting) - end.x_m <= _SHADOW_SPACINGS * spacing_m
+    return _farthest_seen_m(section, edge, end, meeting) - end.x_m <= _SHADOW_SPACINGS * section.spacing_m
 
 
 def _farthest_seen_m(section: Section, edge: Corner, end: Corner, meeting: Corner) -> float:
@@ -125,7 +123,7 @@ def _edge_by_foot(section: Section, square: Curve, edge: Corner, end: Corner, me
     missed_m = end.x_m - _farthest_seen_m(section, edge, end, meeting)
     weight = edge.sigma_m**2 / max(edge.sigma_m**2 + end.sigma_m**2, 1e-18)
     x_m = edge.x_m + weight * missed_m
-    return Corner(x_m=x_m, z_m=square.z_at(x_m), sigma_m=float(edge.sigma_m * np.sqrt(1 - weight)))
+    return Corner(x_m=x_m, z_m=square.z_at(x_m), sigma_m=edge.sigma_m * math.sqrt(1 - weight))
 
 
 def _on_face(square: Curve, bevel: Curve, edge: Corner) -> Corner:
@@ -135,6 +133,6 @@ def _on_face(square: Curve, bevel: Curve, edge: Corner) -> Corner:
     down_m = (bevel.z_at(edge.x_m) - edge.z_m) / (1 + slope * lean)
     x_m = edge.x_m - lean * down_m
     shift = (1 + slope**2) / (1 + slope * lean) ** 2  # along the bevel, for each of the edge along the plate
-    turn_m = down_m * np.sqrt(square.covariance[1, 1]) / square.length_m
+    turn_m = down_m * math.sqrt(square.covariance[1, 1]) / square.length_m
     variance = shift * (edge.sigma_m**2 + turn_m**2) + bevel.variance_at(x_m)
-    return Corner(x_m=float(x_m), z_m=bevel.z_at(x_m), sigma_m=float(np.sqrt(variance)))
+    return Corner(x_m=x_m, z_m=bevel.z_at(x_m), sigma_m=math.sqrt(variance))

@@ -5,8 +5,9 @@ edge. The root is midway between the bevel's lower end and the face: where the b
 or if the face leans over and hides the bevel's end.
 """
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import permutations
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from weldcell.tracking.candidates import (
     mismatch_m,
     near_words,
     on_model,
+    share_of,
 )
 from weldcell.tracking.curve_end import PLATE_LOST_SHARE, curve_end
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
@@ -36,7 +38,7 @@ _FEWEST_ON_PLATE = 20
 _FEWEST_ON_BEVEL = 10
 _LEAST_INLIER_SHARE = 0.4
 _LEAST_EXPLAINED = 0.5
-_LEAST_TURN_RAD = np.deg2rad(15)
+_LEAST_TURN_RAD = math.radians(15)
 _LEAST_DEPTH_M = 1e-3
 _LEAST_PLATE_M = 3e-3
 _SLACK_M = 1.5e-3
@@ -97,10 +99,8 @@ def find_bevel(
         candidates = [
             found
             for flipped, ordered in both.items()
-            for three in permutations(ordered, 3)
-            if three[0].start_m < three[1].start_m < three[2].start_m
-            and _forms_bevel(found := _Bevel(plate=three[0], bevel=three[1], square=three[2], flipped=flipped))
-            and is_near(found.anchor_m, previous_x_m)
+            for found in _candidates(ordered, flipped)
+            if is_near(found.anchor_m, previous_x_m)
         ]
         sections = (section, mirrored(section))
         scores = [_explained_points(sections[one.flipped], one) for one in candidates]
@@ -113,20 +113,33 @@ def find_bevel(
     )
 
 
-def _forms_bevel(one: _Bevel) -> bool:
-    if one.bevel.angle_rad - one.plate.angle_rad < _LEAST_TURN_RAD or not is_plate_pair(one.plate, one.square):
+def _candidates(pieces: list[Piece], flipped: bool) -> Iterator[_Bevel]:
+    """All threes of pieces that may form a bevel."""
+    long = [piece for piece in pieces if piece.end_m - piece.start_m >= _LEAST_PLATE_M]
+    for plate in long:
+        for bevel in pieces:
+            if plate.start_m < bevel.start_m and bevel.angle_rad - plate.angle_rad >= _LEAST_TURN_RAD:
+                for square in long:
+                    if _may_be_square(square, plate, bevel):
+                        found = _Bevel(plate=plate, bevel=bevel, square=square, flipped=flipped)
+                        if _meet(found):
+                            yield found
+
+
+def _may_be_square(square: Piece, plate: Piece, bevel: Piece) -> bool:
+    """Whether a piece may be the square plate, which lies above the bevel's end and goes on there or after a gap."""
+    if not (bevel.start_m < square.start_m and is_plate_pair(plate, square)):
         return False
-    if min(piece.end_m - piece.start_m for piece in (one.plate, one.square)) < _LEAST_PLATE_M:
+    if not -_SLACK_M <= square.start_m - bevel.end_m <= _WIDEST_GAP_M:
         return False
+    return bevel.z_at(bevel.end_m) - square.z_at(square.start_m) >= _LEAST_DEPTH_M
+
+
+def _meet(one: _Bevel) -> bool:
+    """Whether plate and bevel meet in between."""
     if not one.plate.end_m - _SLACK_M <= one.edge_m <= one.bevel.start_m + _SLACK_M:
         return False
-    if max(one.edge_m - one.plate.end_m, one.bevel.start_m - one.edge_m) > _MOST_UNSEEN_M:
-        return False
-    hidden_m = one.square.start_m - one.bevel.end_m
-    if not -_SLACK_M <= hidden_m <= _WIDEST_GAP_M:
-        return False
-    depth_m = one.bevel.z_at(one.bevel.end_m) - one.square.z_at(one.square.start_m)
-    return depth_m >= _LEAST_DEPTH_M
+    return max(one.edge_m - one.plate.end_m, one.bevel.start_m - one.edge_m) <= _MOST_UNSEEN_M
 
 
 def _explained_points(section: Section, one: _Bevel) -> float:
@@ -138,8 +151,9 @@ def _explained_points(section: Section, one: _Bevel) -> float:
         (one.bevel, one.edge_m, one.bevel.end_m),
         (one.square, one.square.start_m, min(one.square.end_m, one.square.start_m + PLATE_LENGTH_M)),
     ):
-        inside = (x_m >= low) & (x_m <= high)
-        total += int((np.abs(z_m[inside] - piece.intercept_m - piece.slope * x_m[inside]) < EXPLAINED_M).sum())
+        inside = section.between(low, high)
+        off_m = np.abs(z_m[inside] - piece.intercept_m - piece.slope * x_m[inside])
+        total += int(np.count_nonzero(off_m < EXPLAINED_M))
     return float(total)
 
 
@@ -229,17 +243,16 @@ def _explained(section: Section, lines: _Lines, square_end: Corner, bevel_end: C
         (lines.bevel, edge_m, bevel_end.x_m),
         (lines.square, square_end.x_m, square_end.x_m + _BESIDE_M),
     ]
-    inside = (section.x_m >= model[0][1]) & (section.x_m <= model[2][2])
-    on_bevel = (section.x_m >= edge_m) & (section.x_m <= square_end.x_m)
     on = on_model(section, model)
-    return min(float(on[inside].mean()), float(on[on_bevel].mean()) if on_bevel.any() else 0.0)
+    spans = ((model[0][1], model[2][2]), (edge_m, square_end.x_m))
+    return min(share_of(on[section.between(*span)]) for span in spans)
 
 
 def _measures(one: _Bevel, lines: _Lines, foot: Foot, higher_m: float) -> dict[str, float]:
     turn_rad = lines.bevel.angle_at(lines.edge.x_m) - lines.square.angle_at(one.square.start_m)
     measures = {
         "gap_m": foot.gap_m,
-        "bevel_angle_rad": np.pi / 2 - turn_rad,
+        "bevel_angle_rad": math.pi / 2 - turn_rad,
         "mismatch_m": higher_m,
         "depth_m": foot.depth_m,
     }
@@ -249,12 +262,12 @@ def _measures(one: _Bevel, lines: _Lines, foot: Foot, higher_m: float) -> dict[s
 def _between_members(root: Corner, square: Curve, higher_m: float) -> Corner:
     """Midway between both root edges: equally deep in its member, the square one stands as much higher as its plate."""
     tilt_rad = square.angle_at(root.x_m)
-    x_m, z_m = root.x_m + higher_m / 2 * np.sin(tilt_rad), root.z_m - higher_m / 2 * np.cos(tilt_rad)
-    return replace(root, x_m=float(x_m), z_m=float(z_m))
+    x_m, z_m = root.x_m + higher_m / 2 * math.sin(tilt_rad), root.z_m - higher_m / 2 * math.cos(tilt_rad)
+    return replace(root, x_m=x_m, z_m=z_m)
 
 
 def _fitted(section: Section, start: Curve, low: float, high: float, degree: int) -> Curve | None:
-    return fit_curve(section.only((section.x_m > low) & (section.x_m < high)), start, highest_degree=degree)
+    return fit_curve(section.only(section.between(low, high, ends=False)), start, highest_degree=degree)
 
 
 def _complaint(fits: tuple[Curve | None, ...]) -> str:

@@ -1,8 +1,10 @@
 """The choice between the joints that the pieces of one section may form."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool
 
 from weldcell.tracking.curves import Curve
 from weldcell.tracking.found import Found
@@ -15,7 +17,7 @@ EXPLAINED_M = 3e-4
 """Points this close to a model are explained by it."""
 PLATE_LENGTH_M = 0.02
 """Plate beyond this adds little precision, and it may be bent."""
-MOST_PLATE_ANGLE_RAD = float(np.deg2rad(25))
+MOST_PLATE_ANGLE_RAD = math.radians(25)
 """Between the two plates of a joint in one plane."""
 MOST_SIGMA_M = 5e-4
 """A corner less certain than this is not reported."""
@@ -31,10 +33,9 @@ def best_of(scores: Sequence[float], anchors_m: Sequence[float]) -> tuple[int, f
     """
     if not len(scores) or not max(scores) > 0:
         return None
-    score, where = np.array(scores), np.array(anchors_m)
-    best = int(score.argmax())
-    rivals = score[np.abs(where - where[best]) > _SAME_JOINT_M]
-    return best, float(1 - np.clip(rivals.max(initial=0.0) / score[best], 0, 1))
+    best = max(range(len(scores)), key=scores.__getitem__)
+    rivals = [s for s, m in zip(scores, anchors_m, strict=True) if abs(m - anchors_m[best]) > _SAME_JOINT_M]
+    return best, float(1 - max([0.0, *rivals]) / scores[best])
 
 
 def is_near(x_m: float, previous_x_m: float | None) -> bool:
@@ -66,14 +67,27 @@ def near_words(previous_x_m: float | None) -> str:
     return "" if previous_x_m is None else f" within {GATE_M * 1e3:.0f} mm of the last one"
 
 
-def on_model(section: Section, model: Sequence[tuple[Curve, float, float]]) -> np.ndarray:
+def on_model(section: Section, model: Sequence[tuple[Curve, float, float]]) -> Bool[np.ndarray, "n"]:
     """Which points lie on a model: curves, each from one x to another (m)."""
     explained = np.zeros(len(section.x_m), dtype=bool)
     for curve, first_m, last_m in model:
-        inside = np.flatnonzero((section.x_m >= first_m) & (section.x_m <= last_m))
+        inside = section.between(first_m, last_m)
         allowed = np.maximum(EXPLAINED_M, _EXPLAINED_SIGMAS * section.sigma_m[inside])
         explained[inside] |= np.abs(section.z_m[inside] - curve.z_of(section.x_m[inside])) <= allowed
     return explained
+
+
+def share_on_model(section: Section, model: Sequence[tuple[Curve, float, float]]) -> float:
+    """Share of the points within the curves' stretches that lie on them; 0 if there are none."""
+    inside = np.zeros(len(section.x_m), dtype=bool)
+    for _, first_m, last_m in model:
+        inside[section.between(first_m, last_m)] = True
+    return share_of(on_model(section, model)[inside])
+
+
+def share_of(told: Bool[np.ndarray, "n"]) -> float:
+    """Share of those for which something is true; 0 if there are none."""
+    return float(np.count_nonzero(told)) / max(len(told), 1)
 
 
 def mismatch_m(right: Curve, right_edge: Corner, left: Curve, left_edge: Corner) -> float:
@@ -87,7 +101,7 @@ def mismatch_m(right: Curve, right_edge: Corner, left: Curve, left_edge: Corner)
         for curve, edge in ((right, right_edge), (left, left_edge))
     )
     tilt = (left.angle_at(left_edge.x_m) + right.angle_at(right_edge.x_m)) / 2
-    return float((right_z - left_z) * np.cos(tilt))
+    return (right_z - left_z) * math.cos(tilt)
 
 
 def is_plate_pair(left: Piece, right: Piece, most_angle_rad: float = MOST_PLATE_ANGLE_RAD) -> bool:

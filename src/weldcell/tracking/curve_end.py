@@ -20,13 +20,15 @@ product over all columns is the likelihood of an end; its mean and variance are 
 the end make it less certain. Where nobody measured the light, the end lies anywhere between two columns (b = 0).
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
 from weldcell.tracking.curves import LEAST_SCALE, Curve
+from weldcell.tracking.quantiles import median, quantile
 from weldcell.tracking.section import Corner, Section
 
 PLATE_LOST_SHARE = 0.08
@@ -36,6 +38,7 @@ _BEYOND_ON = 0.03  # share of columns beyond a curve's end that lie on it by cha
 _PRIOR_BEGINS, _PRIOR_COUNT = 0.1, 4.0  # runs of strays, and columns, counted before any are seen
 _PRIOR_GOES_ON = 0.6  # of two columns
 _MOST_MISSING = 400
+_LEAST_LEAN = 0.05  # of a column out of the curve
 _BLUR_COLUMNS = 0.7  # diffraction at f/8, a pixel's box (0.29) and a little defocus: 0.6 to 0.8 at all presets
 _REACH_COLUMNS = 3  # of the blur's fade
 _STEPS = 4  # of the end's places, a column
@@ -45,6 +48,7 @@ _LIGHT_SIGMAS = (0.1, 1.0)
 _ALIKE = 2.0  # columns that one speckle grain lights: so many say as much as one
 _WIDE = 2.0  # spread of chance light over that of the curve's own
 _FAINTEST = 1e-7
+_NEGLIGIBLE_NATS = 25.0  # an end so much less likely than the likeliest is none
 _MOST_LOST = 7.0  # columns: a dark one, and the few behind it that do not count as a piece of stripe
 _IN_FRONT_M = 1e-3
 _LOST_AT_EDGE, _MIXED_COLUMNS = 0.2, 1.0  # columns this near hold two stripes or light on the face, and may be lost
@@ -74,6 +78,11 @@ class _Columns:
     """Of what is seen there, over the curve's usual light; NaN throughout where nobody measured it."""
     log_light_sigma: float
 
+    def between(self, first: int, last: int) -> "_Columns":
+        """The columns from one on and before another."""
+        here = slice(first, last)
+        return replace(self, on=self.on[here], inside=self.inside[here], log_light=self.log_light[here])
+
 
 def curve_end(
     section: Section,
@@ -89,21 +98,25 @@ def curve_end(
     Points on the curve `beyond` the end, if it is known, are no strays. With the probability `lost_share` the stripe's
     last columns were lost, up to seven, if nothing else is seen there.
     """
-    at = _where_columns_cut(section, curve, (inner_m + outer_m) / 2)
+    away_m = curve.z_of(section.x_m) - section.z_m
+    at = _where_columns_cut(section, curve, away_m, (inner_m + outer_m) / 2)
     within = np.flatnonzero((at >= min(inner_m, outer_m)) & (at <= max(inner_m, outer_m)))
     if len(within) < 3:
         return None
     sign = 1.0 if outer_m > inner_m else -1.0
     within = within[np.argsort(sign * at[within])]
     x, part = at[within], section.only(within)
-    on = _is_on(part, curve)
+    on = _is_on(part, curve, away_m[within])
     if not on.any():
         return None
-    beyond_it = np.zeros(len(x), bool) if beyond is None else ~on & _is_on(part, beyond)
-    spacing_m = max(float(np.median(np.abs(np.diff(x)))), 1e-9)
-    columns = _columns(x, on, beyond_it, part.amplitude_grey, outer_m, spacing_m)
+    beyond_it = None if beyond is None else ~on & _is_on(part, beyond, beyond.z_of(part.x_m) - part.z_m)
+    steps_m = sign * (x[1:] - x[:-1])
+    spacing_m = max(median(steps_m), 1e-9)
+    missing = np.rint(np.append(steps_m, abs(outer_m - x[-1])) / spacing_m).astype(int) - 1
+    columns = _columns(on, beyond_it, np.minimum(np.maximum(missing, 0), _MOST_MISSING), part.amplitude_grey)
     ends, nats, nats_without = _nats_of_ends(columns)
-    likelihood = np.exp(nats - nats.max())
+    most = float(nats.max())
+    likelihood = np.exp(nats - most)
     likelihood /= likelihood.sum()
     outside = columns.number[-1] + 1
     ends_m = np.interp(
@@ -113,12 +126,13 @@ def curve_end(
     )
     x_m = float(likelihood @ ends_m)
     variance = float(likelihood @ np.square(ends_m - x_m))
-    in_front = part.z_m < curve.z_of(x) - _IN_FRONT_M
-    lost_m = sign * spacing_m * min(_dark_columns(columns, ends[int(likelihood.argmax())], in_front), _MOST_LOST)
-    x_m += lost_share * lost_m / 2
-    variance += lost_share * (1 / 3 - lost_share / 4) * lost_m**2
-    sigma_m = float(np.sqrt((1 + curve.slope_at(x_m) ** 2) * variance + curve.variance_at(x_m)))
-    return End(corner=Corner(x_m=x_m, z_m=curve.z_at(x_m), sigma_m=sigma_m), nats=float(nats.max() - nats_without))
+    if lost_share > 0:
+        in_front = part.z_m < curve.z_of(x) - _IN_FRONT_M
+        lost_m = sign * spacing_m * min(_dark_columns(columns, ends[int(likelihood.argmax())], in_front), _MOST_LOST)
+        x_m += lost_share * lost_m / 2
+        variance += lost_share * (1 / 3 - lost_share / 4) * lost_m**2
+    sigma_m = math.sqrt((1 + curve.slope_at(x_m) ** 2) * variance + curve.variance_at(x_m))
+    return End(corner=Corner(x_m=x_m, z_m=curve.z_at(x_m), sigma_m=sigma_m), nats=most - nats_without)
 
 
 def _dark_columns(columns: _Columns, end: float, in_front: Bool[np.ndarray, "n"]) -> float:
@@ -127,33 +141,34 @@ def _dark_columns(columns: _Columns, end: float, in_front: Bool[np.ndarray, "n"]
     return float(max((after[0] if len(after) else len(columns.on)) - 0.5 - end, 0.0))
 
 
-def _where_columns_cut(section: Section, curve: Curve, near_m: float) -> Float[np.ndarray, "n"]:
+def _where_columns_cut(
+    section: Section, curve: Curve, away_m: Float[np.ndarray, "n"], near_m: float
+) -> Float[np.ndarray, "n"]:
     """x at which each point's column cuts the curve, so that a stray takes the place of the point that it replaced."""
     lean = 1 - curve.slope_at(near_m) * section.noise_slope
-    away_m = curve.z_of(section.x_m) - section.z_m
-    return section.x_m + section.noise_slope * away_m / np.where(np.abs(lean) > 0.05, lean, 1.0)
+    lean[np.abs(lean) <= _LEAST_LEAN] = 1.0
+    return section.x_m + section.noise_slope * away_m / lean
 
 
-def _is_on(section: Section, curve: Curve) -> Bool[np.ndarray, "n"]:
-    lean = np.maximum(np.abs(1 - curve.slope_at(float(section.x_m.mean())) * section.noise_slope), 0.05)
+def _is_on(section: Section, curve: Curve, away_m: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    lean = np.maximum(np.abs(1 - curve.slope_at(float(section.x_m.mean())) * section.noise_slope), _LEAST_LEAN)
     allowed_m = _ON_SIGMAS * max(curve.sigmas, LEAST_SCALE) * section.sigma_m * lean
-    return np.asarray(np.abs(section.z_m - curve.z_of(section.x_m)) <= np.maximum(allowed_m, 1e-7))
+    return np.asarray(np.abs(away_m) <= np.maximum(allowed_m, 1e-7))
 
 
 def _columns(
-    x_m: Float[np.ndarray, "n"],
     on: Bool[np.ndarray, "n"],
-    beyond_it: Bool[np.ndarray, "n"],
+    beyond_it: Bool[np.ndarray, "n"] | None,
+    missing: Int[np.ndarray, "n"],
     amplitude_grey: Float[np.ndarray, "n"],
-    outer_m: float,
-    spacing_m: float,
 ) -> _Columns:
-    """The columns of points in order; those in between and up to `outer_m` are missing."""
-    steps = np.append(np.abs(np.diff(x_m)), abs(outer_m - x_m[-1]))
-    missing = np.clip(np.rint(steps / spacing_m) - 1, 0, _MOST_MISSING).astype(int)
-    number = np.concatenate([[0], np.cumsum(1 + missing[:-1])])
+    """The columns of points in order, and of those `missing` after each of them."""
+    number = np.zeros(len(on), int)
+    np.cumsum(1 + missing[:-1], out=number[1:])
     count = int(number[-1] + 1 + missing[-1])
-    at_point, first_missing, next_missing = _inside_ratios(on, beyond_it, missing)
+    at_point, first_missing, next_missing = _inside_ratios(on, missing)
+    if beyond_it is not None:
+        at_point[beyond_it] = _BEYOND_ON
     inside = np.full(count, next_missing)
     inside[number[missing > 0] + 1] = first_missing
     inside[number] = at_point
@@ -161,61 +176,71 @@ def _columns(
     every_on[number] = on
     usual, sigma = _usual_light(on, amplitude_grey)
     least_grey = max(float(amplitude_grey[on].min()), 1e-3)
-    log_light = np.full(count, np.log(least_grey) - usual)
+    log_light = np.full(count, math.log(least_grey) - usual)
     log_light[number] = np.log(np.maximum(amplitude_grey, least_grey)) - usual
     return _Columns(number=number, on=every_on, inside=inside, log_light=log_light, log_light_sigma=sigma)
 
 
 def _usual_light(on: Bool[np.ndarray, "n"], amplitude_grey: Float[np.ndarray, "n"]) -> tuple[float, float]:
     """Logarithm of the curve's light in its inner half, and what its speckle lets one column say of it (sigma)."""
-    lit = amplitude_grey[: max(len(on) // 2, 1)][on[: max(len(on) // 2, 1)]]
-    if len(lit) < _FEWEST_LIT or not np.all(np.isfinite(amplitude_grey)):
-        return np.nan, 1.0
-    dark, usual = np.log(np.maximum(np.quantile(lit, [_DARK_QUANTILE, 0.5]), 1e-3))
-    return float(usual), float(np.sqrt(_ALIKE) * np.clip(usual - dark, *_LIGHT_SIGMAS))
+    half = max(len(on) // 2, 1)
+    lit = amplitude_grey[:half][on[:half]]
+    if len(lit) < _FEWEST_LIT or not np.isfinite(amplitude_grey).all():
+        return math.nan, 1.0
+    dark, usual = (math.log(max(grey, 1e-3)) for grey in (quantile(lit, _DARK_QUANTILE), median(lit)))
+    return usual, math.sqrt(_ALIKE) * min(max(usual - dark, _LIGHT_SIGMAS[0]), _LIGHT_SIGMAS[1])
 
 
 def _inside_ratios(
-    on: Bool[np.ndarray, "n"], beyond_it: Bool[np.ndarray, "n"], missing: Int[np.ndarray, "n"]
+    on: Bool[np.ndarray, "n"], missing: Int[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "n"], float, float]:
     """How much likelier each point's column is on the curve than beyond its end; first and later missing columns."""
-    after_off = np.append(False, ~on[:-1] & (missing[:-1] == 0))
-    broken = after_off | np.append(False, missing[:-1] > 0)  # the column before is off the curve
+    off, gap_after = ~on, missing > 0
+    before = np.zeros(len(on), int)  # what the column before holds: a point on the curve, none, or a stray
+    before[1:] = np.where(gap_after[:-1], 1, 2 * off[:-1])
     half = max(len(on) // 2, 1)
-    count, off, holes = float(half), float(np.sum(~on[:half])), float(np.sum(missing[:half] > 0))
-    runs = float(np.sum(~on[:half] & ~broken[:half]))
-    stray = min((runs + _PRIOR_BEGINS) / (count - off + _PRIOR_COUNT), 0.4)
-    hole = min((holes + _PRIOR_BEGINS) / (count + _PRIOR_COUNT), 0.4)
-    stray_on = min((off - runs + _PRIOR_GOES_ON) / (off + 2), 0.9)
-    hole_on = min((float(missing[:half].sum()) - holes + _PRIOR_GOES_ON) / (float(missing[:half].sum()) + 2), 0.9)
+    strays, holes, absent = (
+        int(np.count_nonzero(off[:half])),
+        int(np.count_nonzero(gap_after[:half])),
+        int(missing[:half].sum()),
+    )
+    runs = strays - int(np.count_nonzero(off[:half] & (before[:half] > 0)))
+    stray = min((runs + _PRIOR_BEGINS) / (half - strays + _PRIOR_COUNT), 0.4)
+    hole = min((holes + _PRIOR_BEGINS) / (half + _PRIOR_COUNT), 0.4)
+    stray_on = min((strays - runs + _PRIOR_GOES_ON) / (strays + 2), 0.9)
+    hole_on = min((absent - holes + _PRIOR_GOES_ON) / (absent + 2), 0.9)
     off_beyond = 1 - _BEYOND_ON  # seen elsewhere, or missing, and then the next one mostly too
-    elsewhere = np.where(after_off, off_beyond, off_beyond / 2)
-    ratio_off = np.minimum(np.where(broken, stray_on, stray) / elsewhere, 1.0)
-    ratio_on = np.where(broken, 1 - stray_on, 1 - stray - hole) / _BEYOND_ON
-    at_point = np.where(beyond_it, _BEYOND_ON, np.where(on, ratio_on, ratio_off))
-    return at_point, min(2 * hole / off_beyond, 1.0), hole_on / off_beyond
+    of_stray = (2 * stray / off_beyond, 2 * stray_on / off_beyond, stray_on / off_beyond)
+    of_on = ((1 - stray - hole) / _BEYOND_ON, (1 - stray_on) / _BEYOND_ON, (1 - stray_on) / _BEYOND_ON)
+    ratios = np.array([[min(ratio, 1.0) for ratio in of_stray], of_on])
+    return ratios[on.astype(int), before], min(2 * hole / off_beyond, 1.0), hole_on / off_beyond
 
 
 def _nats_of_ends(columns: _Columns) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], float]:
     """Places of an end (in columns, `_STEPS` to each), the logarithms of their likelihoods, and that of no end at all.
 
-    An end's step onwards changes only the columns within the blur's reach, by the same table for each of them.
+    An end's step onwards changes only the columns within the blur's reach, by the same table for each of them. Whole
+    columns tell first where an end is likely at all.
     """
-    reach, count = _REACH_COLUMNS, len(columns.on)
-    gained = np.diff(_nats_of_column(columns, (np.arange(-reach * _STEPS, reach * _STEPS + 1) + 0.5) / _STEPS), axis=1)
-    steps = np.zeros((count + 2 * reach - 1, _STEPS))  # from the end `reach` columns before the first one onwards
+    reach, t = _REACH_COLUMNS, (np.arange(-_REACH_COLUMNS * _STEPS, _REACH_COLUMNS * _STEPS + 1) + 0.5) / _STEPS
+    whole = np.zeros(len(columns.on) + 1)  # of an end behind so many columns, without blur
+    np.cumsum(_nats_of_column(columns, np.array([np.inf]))[:, 0], out=whole[1:])
+    likely = np.flatnonzero(whole > whole.max() - _NEGLIGIBLE_NATS)
+    first, last = max(int(likely[0]) - 2 * reach, 0), min(int(likely[-1]) + 2 * reach, len(columns.on))
+    nats = _nats_of_column(columns.between(first, last), t)
+    gained = nats[:, 1:] - nats[:, :-1]
+    steps = np.zeros((last - first + 2 * reach - 1, _STEPS))  # from an end `reach` columns before the first onwards
     for block in range(2 * reach):
-        steps[block : block + count] += gained[:, block * _STEPS : (block + 1) * _STEPS]
-    ends = (np.arange(1, steps.size + 1) + 0.5) / _STEPS - reach
-    inside = (ends > -0.5) & (ends < count - 0.5)
-    nats = np.cumsum(steps)
-    return ends[inside], nats[inside], float(nats[-1])
+        steps[block : block + last - first] += gained[:, block * _STEPS : (block + 1) * _STEPS]
+    ends = first + (np.arange(1, steps.size + 1) + 0.5) / _STEPS - reach
+    inside = (ends > first - 0.5) & (ends < last - 0.5)
+    return ends[inside], float(whole[first]) + np.cumsum(steps)[inside], float(whole[-1])
 
 
 def _nats_of_column(columns: _Columns, t: Float[np.ndarray, "k"]) -> Float[np.ndarray, "m k"]:
     """How much likelier each column is `t` columns inside the end than far beyond it (natural logarithm)."""
     on, inside = columns.on[:, None], columns.inside[:, None]
-    if np.isnan(columns.log_light).any():
+    if math.isnan(columns.log_light[0]):
         return np.log(np.where(t > 0, inside, 1.0))
     share = np.maximum(ndtr(t / _BLUR_COLUMNS), _FAINTEST)
     light, sigma = columns.log_light[:, None], columns.log_light_sigma

@@ -1,33 +1,34 @@
 """The fillet joint's root: where two plates meet in a valley."""
 
+import math
 from itertools import combinations
 
-import numpy as np
-
-from weldcell.tracking.candidates import MOST_SIGMA_M, PLATE_LENGTH_M, best_of, is_near, near_words, on_model
+from weldcell.tracking.candidates import MOST_SIGMA_M, PLATE_LENGTH_M, best_of, is_near, near_words, share_on_model
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.pieces import Piece, straight_pieces
+from weldcell.tracking.quantiles import median, quantile
 from weldcell.tracking.section import Corner, Section
 
 FILLET_NAMES = ("root",)
 _TRIES = ((6.0, 12), (6.0, 6), (25.0, 6))  # steepest dz/dx, and neighbours that tell a stray
 _LEAST_PLATE_M = 3e-3
-_TURN_RAD = (np.deg2rad(30), np.deg2rad(150))
+_TURN_RAD = (math.radians(30), math.radians(150))
 _SLACK_M = 1.5e-3
 _MOST_HIDDEN_M = 8e-3  # of the valley itself: a tack weld or a glint
 _GUARD_M = 4e-4
 _FEWEST_POINTS = 12
 _LEAST_EXPLAINED = 0.5
-_MOST_DOUBT, _SURE_M = 4.0, 8e-5
+_BEST_SHARE, _MOST_DOUBT, _SURE_M = 0.2, 4.0, 8e-5  # pieces are as certain as the best points nearly, or enough
 
 
 def find_fillet(section: Section, previous_x_m: float | None = None) -> Found:
     """The root of two plates that form a valley of 30 to 150 degrees short of flat."""
     pieces: list[Piece] = []
+    most_m = max(_MOST_DOUBT * quantile(section.sigma_m, _BEST_SHARE), _SURE_M) if len(section.x_m) else 0.0
     for steepest, neighbours in _TRIES:
         pieces = straight_pieces(section, steepest=steepest, neighbours=neighbours) if len(section.x_m) else []
-        pieces = [piece for piece in pieces if _is_sure(section, piece)]
+        pieces = [piece for piece in pieces if _sigma_m(section, piece) <= most_m]
         pairs = [
             pair for pair in combinations(pieces, 2) if _is_valley(*pair) and is_near(_valley_m(*pair), previous_x_m)
         ]
@@ -37,13 +38,12 @@ def find_fillet(section: Section, previous_x_m: float | None = None) -> Found:
     return Found(reason=f"no fillet{near_words(previous_x_m)}: of {len(pieces)} straight pieces no two form a valley")
 
 
-def _is_sure(section: Section, piece: Piece) -> bool:
-    """Whether a piece is about as certain as the stripe's best part, or certain enough.
+def _sigma_m(section: Section, piece: Piece) -> float:
+    """How uncertain the points of a piece are: in calm pictures all about as much as the stripe's best part.
 
     Where an arc outshines the stripe, the edges of lit surfaces pass for one: far less certain than a stripe is.
     """
-    of_piece = section.sigma_m[(section.x_m >= piece.start_m) & (section.x_m <= piece.end_m)]
-    return bool(np.median(of_piece) <= max(_MOST_DOUBT * np.quantile(section.sigma_m, 0.2), _SURE_M))
+    return median(section.sigma_m[section.between(piece.start_m, piece.end_m)])
 
 
 def _is_valley(right: Piece, left: Piece) -> bool:
@@ -58,7 +58,7 @@ def _is_valley(right: Piece, left: Piece) -> bool:
 
 
 def _length_m(piece: Piece) -> float:
-    return (piece.end_m - piece.start_m) * float(np.hypot(1, piece.slope))
+    return (piece.end_m - piece.start_m) * math.hypot(1, piece.slope)
 
 
 def _valley_m(right: Piece, left: Piece) -> float:
@@ -86,19 +86,18 @@ def _refined(section: Section, pair: tuple[Piece, Piece], margin: float) -> Foun
             return Found(reason="no fillet: the plates do not cross")
         root_m = root.x_m
     assert root is not None
-    near = (section.x_m >= low) & (section.x_m <= high)
-    explained = float(on_model(section, [(right, low, root_m), (left, root_m, high)])[near].mean())
+    explained = share_on_model(section, [(right, low, root_m), (left, root_m, high)])
     if explained < _LEAST_EXPLAINED:
         return Found(reason="no fillet: most points about its root lie off its plates")
     if root.sigma_m > MOST_SIGMA_M:
         return Found(reason=f"fillet too uncertain: its root has a standard deviation of {root.sigma_m * 1e3:.2f} mm")
     return Found(
         corners=(root,),
-        measures={"angle_rad": float(np.pi - (right.angle_at(root_m) - left.angle_at(root_m)))},
+        measures={"angle_rad": math.pi - (right.angle_at(root_m) - left.angle_at(root_m))},
         trust=Trust(explained=explained, margin=margin, support=min(right.count, left.count)),
     )
 
 
 def _fitted(section: Section, start: Curve, low: float, high: float, degree: int) -> Curve | None:
-    curve = fit_curve(section.only((section.x_m > low) & (section.x_m < high)), start, highest_degree=degree)
+    curve = fit_curve(section.only(section.between(low, high, ends=False)), start, highest_degree=degree)
     return curve if curve is not None and curve.count >= _FEWEST_POINTS else None

@@ -85,7 +85,8 @@ def find_joint(
 def anchor_x_m(kind: str, plane: LaserPlane, joint: JointFeatures) -> float:
     """x, in the laser frame, of the feature that a tracker follows."""
     anchor_camera = joint.points_camera[joint.names.index(JOINT_KINDS[kind].anchor)]
-    return float(plane.T_camera_laser.inv().apply(anchor_camera)[0])
+    T_camera_laser = plane.T_camera_laser.as_matrix()
+    return float((anchor_camera - T_camera_laser[:3, 3]) @ T_camera_laser[:3, 0])
 
 
 def not_found(names: tuple[str, ...], reason: str) -> JointFeatures:

@@ -5,6 +5,7 @@ that is as sharp as any groove's corner. Seen from above it hides itself. Then t
 stops, no better known than the columns' spacing allows, and the root lies below it at right angles to the plate.
 """
 
+import math
 from itertools import combinations
 
 import numpy as np
@@ -18,12 +19,13 @@ from weldcell.tracking.candidates import (
     is_near,
     is_plate_pair,
     near_words,
-    on_model,
+    share_on_model,
 )
 from weldcell.tracking.curve_end import curve_end
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.pieces import Piece, straight_pieces
+from weldcell.tracking.quantiles import median
 from weldcell.tracking.section import Corner, Section
 
 LAP_NAMES = ("edge", "root")
@@ -44,7 +46,7 @@ _MOST_HIDDEN_M = 8e-3  # between them, besides the face itself
 _GUARD_M = 4e-4  # about corners the stripe of both sides mixes: its window is five columns there
 _FACE_COLUMNS = 12  # a face as wide as this holds enough points to be found
 _SLACK_M, _FAN_SLOPE = 5e-4, 0.2
-_SQUARE_RAD = np.deg2rad(20)  # how far a face may be off the right angle to its plate: a tack weld's is at 45 deg
+_SQUARE_RAD = math.radians(20)  # how far a face may be off the right angle to its plate: a tack weld's is at 45 deg
 
 
 def find_lap(section: Section, previous_x_m: float | None = None) -> Found:
@@ -65,13 +67,13 @@ def _is_step(right: Piece, left: Piece) -> bool:
     if min(_length_m(right), _length_m(left)) < _LEAST_PLATE_M or not is_plate_pair(right, left):
         return False
     middle, tilt = (right.end_m + left.start_m) / 2, (right.angle_rad + left.angle_rad) / 2
-    step_m = abs(right.z_at(middle) - left.z_at(middle)) * np.cos(tilt)
+    step_m = abs(right.z_at(middle) - left.z_at(middle)) * math.cos(tilt)
     apart_m = left.start_m - right.end_m
-    return bool(_STEP_M[0] <= step_m <= _STEP_M[1] and apart_m <= _MOST_HIDDEN_M + step_m * abs(np.sin(tilt)))
+    return bool(_STEP_M[0] <= step_m <= _STEP_M[1] and apart_m <= _MOST_HIDDEN_M + step_m * abs(math.sin(tilt)))
 
 
 def _length_m(piece: Piece) -> float:
-    return (piece.end_m - piece.start_m) * float(np.hypot(1, piece.slope))
+    return (piece.end_m - piece.start_m) * math.hypot(1, piece.slope)
 
 
 def _step_at_m(pair: tuple[Piece, Piece]) -> float:
@@ -110,8 +112,9 @@ def _lap(section: Section, pair: tuple[Piece, Piece], margin: float) -> Found:
 def _plate(section: Section, piece: Piece, near_m: float, far_m: float) -> Curve | None:
     """The plate between two x, no farther than its piece reaches."""
     low, high = max(min(near_m, far_m), piece.start_m), min(max(near_m, far_m), piece.end_m)
-    inside = (section.x_m >= low) & (section.x_m <= high)
-    curve = fit_curve(section.only(inside), line_curve(piece.slope, piece.intercept_m), highest_degree=3)
+    curve = fit_curve(
+        section.only(section.between(low, high)), line_curve(piece.slope, piece.intercept_m), highest_degree=3
+    )
     if curve is None or curve.count < _FEWEST_ON_PLATE or curve.inlier_share < _LEAST_INLIER_SHARE:
         return None
     return curve
@@ -125,8 +128,7 @@ def _face(section: Section, upper: Curve, lower: Curve, edge_m: float, lower_m: 
     order = np.argsort(between.z_m)
     half = len(order) // 2
     (x_high, z_high), (x_low, z_low) = (
-        (float(np.median(between.x_m[part])), float(np.median(between.z_m[part])))
-        for part in (order[:half], order[half:])
+        (median(between.x_m[part]), median(between.z_m[part])) for part in (order[:half], order[half:])
     )
     if abs(x_low - x_high) < 1e-9:
         return None
@@ -135,15 +137,15 @@ def _face(section: Section, upper: Curve, lower: Curve, edge_m: float, lower_m: 
     if face is None or face.count < _FEWEST_ON_FACE or face.inlier_share < _LEAST_FACE_SHARE:
         return None
     turned = abs(face.angle_at((edge_m + lower_m) / 2) - upper.angle_at(edge_m))
-    return face if abs(turned - np.pi / 2) <= _SQUARE_RAD else None
+    return face if abs(turned - math.pi / 2) <= _SQUARE_RAD else None
 
 
 def _between(section: Section, upper: Curve, lower: Curve, edge_m: float, lower_m: float) -> Bool[np.ndarray, "n"]:
     """Points between two plates, clear of both and not far from where they seem to end."""
     low, high = sorted((edge_m, lower_m))
     inside = (section.x_m > low - _GUARD_M) & (section.x_m < high + _GUARD_M)
-    below = (section.z_m - upper.z_of(section.x_m)) * np.cos(upper.angle_at(edge_m))
-    above = (lower.z_of(section.x_m) - section.z_m) * np.cos(lower.angle_at(lower_m))
+    below = (section.z_m - upper.z_of(section.x_m)) * math.cos(upper.angle_at(edge_m))
+    above = (lower.z_of(section.x_m) - section.z_m) * math.cos(lower.angle_at(lower_m))
     return inside & (below > max(_GUARD_M, EXPLAINED_M)) & (above > max(_GUARD_M, EXPLAINED_M))
 
 
@@ -165,9 +167,9 @@ def _foot(edge: Corner, upper: Curve, lower: Curve) -> Corner:
         x_m = edge.x_m - slope * down_m
         down_m = (lower.z_at(x_m) - edge.z_m + lower.slope_at(x_m) * slope * down_m) / (1 + lower.slope_at(x_m) * slope)
     x_m = edge.x_m - slope * down_m
-    angle_sigma = np.sqrt(upper.covariance[1, 1]) / upper.length_m  # the face turns with the plate
+    angle_sigma = math.sqrt(upper.covariance[1, 1]) / upper.length_m  # the face turns with the plate
     variance = edge.sigma_m**2 + lower.variance_at(x_m) + (down_m * angle_sigma) ** 2
-    return Corner(x_m=float(x_m), z_m=lower.z_at(x_m), sigma_m=float(np.sqrt(variance)))
+    return Corner(x_m=x_m, z_m=lower.z_at(x_m), sigma_m=math.sqrt(variance))
 
 
 def _is_hidden(section: Section, corners: tuple[Corner, Corner], lower_m: float, outward: float) -> bool:
@@ -177,8 +179,7 @@ def _is_hidden(section: Section, corners: tuple[Corner, Corner], lower_m: float,
     below the edge where that leans over it; the fan's rays only shift this a little.
     """
     edge, root = corners
-    spacing_m = float(np.median(np.diff(section.x_m)))
-    if outward * (root.x_m - edge.x_m) > _FACE_COLUMNS * spacing_m:
+    if outward * (root.x_m - edge.x_m) > _FACE_COLUMNS * section.spacing_m:
         return True
     lit_m = max(outward * root.x_m, outward * edge.x_m)
     return outward * lower_m - lit_m > _SLACK_M + _FAN_SLOPE * (root.z_m - edge.z_m)
@@ -192,22 +193,13 @@ def _found(
     worst = max(edge.sigma_m, root.sigma_m)
     if worst > MOST_SIGMA_M:
         return Found(reason=f"lap joint too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
-    explained = _share(section, [(upper, edge.x_m - outward * _BESIDE_M, edge.x_m)])
-    explained = min(explained, _share(section, [(lower, root.x_m, root.x_m + outward * _BESIDE_M)]))
+    sides = ((upper, edge.x_m - outward * _BESIDE_M, edge.x_m), (lower, root.x_m, root.x_m + outward * _BESIDE_M))
+    explained = min(share_on_model(section, [(plate, min(span), max(span))]) for plate, *span in sides)
     if explained < _LEAST_EXPLAINED:
         return Found(reason="no lap joint: most points beside the edge lie off the plates")
     measures = {
-        "step_m": float(np.hypot(root.x_m - edge.x_m, root.z_m - edge.z_m)),
+        "step_m": math.hypot(root.x_m - edge.x_m, root.z_m - edge.z_m),
         "angle_rad": outward * (lower.angle_at(root.x_m) - upper.angle_at(edge.x_m)),
     }
     trust = Trust(explained=explained, margin=margin, support=min(upper.count, lower.count))
     return Found(corners=(edge, root), measures=measures, trust=trust)
-
-
-def _share(section: Section, model: list[tuple[Curve, float, float]]) -> float:
-    """Share of the points within the curves' stretches that lie on them."""
-    model = [(curve, min(first, last), max(first, last)) for curve, first, last in model]
-    inside = np.zeros(len(section.x_m), dtype=bool)
-    for _, low, high in model:
-        inside |= (section.x_m >= low) & (section.x_m <= high)
-    return float(on_model(section, model)[inside].mean()) if inside.any() else 0.0

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,7 +16,7 @@ _BEND_SIGMAS = 5.0
 _LEAST_BEND_M = 1e-4
 _FEWEST_POINTS = 5
 _SHORTEST_M = 4e-4
-_SAME_LINE_RAD = np.deg2rad(3)
+_SAME_LINE_RAD = math.radians(3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class Piece:
         """z of the piece's line (m)."""
         return self.intercept_m + self.slope * x_m
 
-    @property
+    @cached_property
     def angle_rad(self) -> float:
         """Inclination against x, positive where the piece gets deeper with x."""
         return math.atan(self.slope)
@@ -50,11 +51,9 @@ def straight_pieces(section: Section, *, steepest: float, neighbours: int = 6) -
     section = section.only(agrees_with_neighbours(section, steepest, neighbours))
     if len(section.x_m) < _FEWEST_POINTS:
         return []
-    z = median_filter(section.z_m, size=_MEDIAN_POINTS, mode="nearest")
-    tolerance_m = max(_LEAST_BEND_M, _BEND_SIGMAS * float(np.median(section.sigma_m)))
-    cuts = _split(section.x_m, z, tolerance_m)
-    pieces = [_piece(section.x_m[a : b + 1], z[a : b + 1]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
-    return _joined([piece for piece in pieces if _is_substantial(piece)], 3 * tolerance_m)
+    z_m = median_filter(section.z_m, size=_MEDIAN_POINTS, mode="nearest")
+    tolerance_m = max(_LEAST_BEND_M, _BEND_SIGMAS * section.usual_sigma_m)
+    return _joined(_pieces(section.x_m, z_m, _split(section.x_m, z_m, tolerance_m)), 3 * tolerance_m)
 
 
 def flipped_piece(piece: Piece) -> Piece:
@@ -78,7 +77,7 @@ def bridged(pieces: list[Piece], tolerance_m: float, widest_m: float) -> list[Pi
 def agrees_with_neighbours(section: Section, steepest: float, neighbours: int) -> Bool[np.ndarray, "n"]:
     """Points that lie on one surface with enough of their neighbours."""
     x, z, count = section.x_m, section.z_m, len(section.x_m)
-    reach, noise_m = min(neighbours, count - 1), 6 * float(np.median(section.sigma_m)) if count else 0.0
+    reach, noise_m = min(neighbours, count - 1), 6 * section.usual_sigma_m if count else 0.0
     # |dz| <= steepest dx + noise: both steepest x + z and steepest x - z fall by no more than the noise
     sums, differences = steepest * x + z, steepest * x - z
     least_sums, least_differences = sums - noise_m, differences - noise_m
@@ -96,36 +95,36 @@ def _split(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"], tolerance_m: fl
     cuts, waiting = {0, len(x) - 1}, [(0, len(x) - 1)]
     while waiting:
         start, end = waiting.pop()
-        if end - start < 2:
-            continue
-        run, rise = float(x[end] - x[start]), float(z[end] - z[start])
-        length = max(math.hypot(run, rise), 1e-12)
-        inner = slice(start + 1, end)
-        distance = np.abs(run * (z[inner] - z[start]) - rise * (x[inner] - x[start])) / length
-        farthest = int(distance.argmax())
-        if distance[farthest] > tolerance_m:
-            middle = start + 1 + farthest
+        if end - start + 1 < _FEWEST_POINTS:
+            continue  # a crumb, cut or not
+        first_x, first_z = float(x[start]), float(z[start])
+        run, rise = float(x[end]) - first_x, float(z[end]) - first_z
+        off = run * z[start + 1 : end] - rise * x[start + 1 : end]  # the chord's length times the deviation, but for:
+        on_chord = run * first_z - rise * first_x
+        highest, lowest = int(off.argmax()), int(off.argmin())
+        above, below = float(off[highest]) - on_chord, on_chord - float(off[lowest])
+        if max(above, below) > tolerance_m * max(math.hypot(run, rise), 1e-12):
+            middle = start + 1 + (highest if above >= below else lowest)
             cuts.add(middle)
             waiting += [(start, middle), (middle, end)]
     return np.array(sorted(cuts))
 
 
-def _piece(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> Piece:
-    centre = float(x.sum()) / len(x)
-    offset = x - centre
-    slope = float(offset @ z) / max(float(offset @ offset), 1e-30)
-    return Piece(
-        start_m=float(x[0]),
-        end_m=float(x[-1]),
-        slope=slope,
-        intercept_m=float(z.sum()) / len(x) - slope * centre,
-        count=len(x),
-    )
-
-
-def _is_substantial(piece: Piece) -> bool:
-    length_m = (piece.end_m - piece.start_m) * math.hypot(1, piece.slope)
-    return piece.count >= _FEWEST_POINTS and length_m >= _SHORTEST_M
+def _pieces(x: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"], cuts: Int[np.ndarray, "k"]) -> list[Piece]:
+    """The regression lines from each cut to the next, without crumbs."""
+    first, last = cuts[:-1], cuts[1:]
+    count = last - first + 1
+    values = np.array([x, z, x * x, x * z])
+    sums = np.add.reduceat(values[:, :-1], first, axis=1) + values[:, last]  # both ends belong to a piece
+    centre_x, centre_z, mean_xx, mean_xz = sums / count
+    slope = (mean_xz - centre_x * centre_z) / np.maximum(mean_xx - centre_x**2, 1e-30)
+    start_m, end_m = x[first], x[last]
+    substantial = (count >= _FEWEST_POINTS) & ((end_m - start_m) * np.hypot(1, slope) >= _SHORTEST_M)
+    lines = np.column_stack([start_m, end_m, slope, centre_z - slope * centre_x])[substantial].tolist()
+    return [
+        Piece(start_m=start, end_m=end, slope=rise, intercept_m=intercept, count=points)
+        for (start, end, rise, intercept), points in zip(lines, count[substantial].tolist(), strict=True)
+    ]
 
 
 def _joined(pieces: list[Piece], tolerance_m: float) -> list[Piece]:

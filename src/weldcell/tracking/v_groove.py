@@ -1,5 +1,6 @@
 """The V-groove's features: left plate, left wall, right wall and right plate, and the corners between them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,8 +17,9 @@ from weldcell.tracking.candidates import (
     near_words,
     on_model,
     risen_words,
+    share_of,
 )
-from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
+from weldcell.tracking.curves import Curve, crossing_at, crossing_m, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.pieces import Piece, straight_pieces
 from weldcell.tracking.section import Corner, Section
@@ -28,8 +30,8 @@ _FEWEST_POINTS = 30
 _TRIES = ((6.0, 12), (6.0, 6), (25.0, 6))  # dz/dx of 80 and 88 degrees, and neighbours that tell a stray
 _MOST_PIECES = 16
 _MOST_CANDIDATES = 12
-_LEAST_EDGE_TURN_RAD = np.deg2rad(10)
-_LEAST_ROOT_TURN_RAD = np.deg2rad(20)
+_LEAST_EDGE_TURN_RAD = math.radians(10)
+_LEAST_ROOT_TURN_RAD = math.radians(20)
 _LEAST_DEPTH_M = 1e-3
 _CORNER_SLACK_M = 1.5e-3  # a corner lies this close to the space between its two pieces
 _GUARD_M = 4e-4  # about corners the stripe of both sides mixes: its window is five columns there
@@ -52,13 +54,13 @@ class VShape:
     """As reasons call it."""
     gapped: bool = False
     """With a root gap: the root is the middle between the walls' lower ends."""
-    roof_rad: tuple[float, float] = (-np.deg2rad(25), np.deg2rad(25))
+    roof_rad: tuple[float, float] = (-math.radians(25), math.radians(25))
     """From the left plate to the right one, how far the profile turns into the depth, least and most."""
 
 
 V = VShape(name="V-groove")
 GAPPED_V = VShape(name="V-groove", gapped=True)
-OUTSIDE_CORNER = VShape(name="corner joint", roof_rad=(np.deg2rad(40), np.deg2rad(140)))
+OUTSIDE_CORNER = VShape(name="corner joint", roof_rad=(math.radians(40), math.radians(140)))
 """Two plates that fall away on both sides, with an open V between their edges."""
 
 
@@ -128,8 +130,9 @@ def _forms_v(four: tuple[Piece, ...], previous_x_m: float | None, shape: VShape)
     left, root, right = (_crossing_x(*pair) for pair in zip(four[:-1], four[1:], strict=True))
     if not left < root < right or not shape.roof_rad[0] <= _turn(four[0], four[3]) <= shape.roof_rad[1]:
         return False
-    edges_z = np.interp(root, [left, right], [four[0].z_at(left), four[3].z_at(right)])
-    return is_near(root, previous_x_m) and bool(four[1].z_at(root) - edges_z >= _LEAST_DEPTH_M)
+    left_z, right_z = four[0].z_at(left), four[3].z_at(right)
+    edges_z = left_z + (right_z - left_z) * (root - left) / (right - left)
+    return is_near(root, previous_x_m) and four[1].z_at(root) - edges_z >= _LEAST_DEPTH_M
 
 
 def _explained_points(section: Section, four: tuple[Piece, ...]) -> int:
@@ -138,8 +141,9 @@ def _explained_points(section: Section, four: tuple[Piece, ...]) -> int:
     nodes_x = [max(four[0].start_m, left - PLATE_LENGTH_M), left, root, right]
     nodes_x.append(min(four[3].end_m, right + PLATE_LENGTH_M))
     nodes_z = [piece.z_at(x) for piece, x in zip((four[0], *four), nodes_x, strict=True)]
-    distance = np.abs(section.z_m - np.interp(section.x_m, nodes_x, nodes_z, left=np.inf, right=np.inf))
-    return int((distance < EXPLAINED_M).sum())
+    about = section.between(nodes_x[0], nodes_x[-1])
+    distance = np.abs(section.z_m[about] - np.interp(section.x_m[about], nodes_x, nodes_z))
+    return int(np.count_nonzero(distance < EXPLAINED_M))
 
 
 def _turns_like_v(curves: Sequence[Curve], corner_x: Sequence[float], shape: VShape) -> bool:
@@ -168,7 +172,7 @@ def _refined(
         last = turn == _FIT_ROUNDS - 1
         fits = [
             fit_curve(
-                section.only((section.x_m > start) & (section.x_m < end)),
+                section.only(section.between(start, end, ends=False)),
                 curve,
                 highest_degree=degree,
                 rounds=3 if last else 2,
@@ -184,14 +188,11 @@ def _refined(
         if complaint:
             return Found(reason=complaint)
         curves = [curve for curve in fits if curve is not None]
-        crossed = [
-            curves_cross(left, right, x_m) for left, right, x_m in zip(curves[:-1], curves[1:], corner_x, strict=True)
-        ]
-        corners = tuple(corner for corner in crossed if corner is not None)
-        moved_x = [corner.x_m for corner in corners]
-        if len(corners) < 3 or not _turns_like_v(curves, moved_x, shape):
+        crossed = [crossing_m(a, b, x_m) for a, b, x_m in zip(curves[:-1], curves[1:], corner_x, strict=True)]
+        corner_x = [x_m for x_m in crossed if x_m is not None]
+        if len(corner_x) < 3 or not _turns_like_v(curves, corner_x, shape):
             return Found(reason=f"no {shape.name}: the lines fitted to the pieces do not form one")
-        corner_x = moved_x
+    corners = tuple(crossing_at(a, b, x_m) for a, b, x_m in zip(curves[:-1], curves[1:], corner_x, strict=True))
     explained = _explained_share(section, curves, four, corners)
     if explained < _LEAST_GROOVE_SHARE:
         return Found(reason=f"no {shape.name}: most points between its edges lie off its walls")
@@ -222,9 +223,9 @@ def _measures(curves: Sequence[Curve], corners: Sequence[Corner]) -> dict[str, f
     """Groove angle, angle between the plates, the edges' distance, and how far the left plate stands above."""
     (first, _, last), left_wall, right_wall = corners, curves[1], curves[2]
     return {
-        "groove_angle_rad": np.pi - (left_wall.angle_at(first.x_m) - right_wall.angle_at(last.x_m)),
+        "groove_angle_rad": math.pi - (left_wall.angle_at(first.x_m) - right_wall.angle_at(last.x_m)),
         "plates_angle_rad": curves[3].angle_at(last.x_m) - curves[0].angle_at(first.x_m),
-        "width_m": float(np.hypot(last.x_m - first.x_m, last.z_m - first.z_m)),
+        "width_m": math.hypot(last.x_m - first.x_m, last.z_m - first.z_m),
         "mismatch_m": mismatch_m(curves[0], first, curves[3], last),
     }
 
@@ -237,9 +238,7 @@ def _explained_share(
     ends = (max(four[0].start_m, first - (last - first)), min(four[3].end_m, last + (last - first)))
     nodes = (ends[0], first, root, last, ends[1])
     explained = on_model(section, list(zip(curves, nodes[:-1], nodes[1:], strict=True)))
-    return min(
-        float(explained[(section.x_m > start) & (section.x_m < end)].mean()) for start, end in (ends, (first, last))
-    )
+    return min(share_of(explained[section.between(*span, ends=False)]) for span in (ends, (first, last)))
 
 
 def _spans(corner_x: Sequence[float], four: tuple[Piece, ...]) -> list[tuple[float, float]]:

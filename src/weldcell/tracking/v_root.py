@@ -1,13 +1,14 @@
 """The root of a V-groove where the crossing of its walls is not it: with a gap, or with members of different height."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from weldcell.tracking.curve_end import curve_end
 from weldcell.tracking.curves import Curve
+from weldcell.tracking.quantiles import median
 from weldcell.tracking.section import Corner, Section
 
 _DEEPER_M = 3e-4
@@ -50,15 +51,15 @@ def open_root(
     if found[0] is None or found[1] is None:
         return None
     tilt_rad = (curves[0].angle_at(first.x_m) + curves[3].angle_at(last.x_m)) / 2
-    down = np.array([-np.sin(tilt_rad), np.cos(tilt_rad)])
+    down = (-math.sin(tilt_rad), math.cos(tilt_rad))
     seen_m, variance = _depth((first, last), (found[0].corner, found[1].corner), down)
     depth_m, variance = _with_kept(seen_m, variance, kept_depth_m)
     low, high = (_at_depth(wall, edge, depth_m, down) for wall, edge in zip(walls, (first, last), strict=True))
-    sigma_m = float(np.sqrt(variance + (low.sigma_m**2 + high.sigma_m**2) / 4))
+    sigma_m = math.sqrt(variance + (low.sigma_m**2 + high.sigma_m**2) / 4)
     middle = Corner(x_m=(low.x_m + high.x_m) / 2, z_m=(low.z_m + high.z_m) / 2, sigma_m=sigma_m)
     return OpenRoot(
         corner=middle,
-        gap_m=float(np.hypot(high.x_m - low.x_m, high.z_m - low.z_m)),
+        gap_m=math.hypot(high.x_m - low.x_m, high.z_m - low.z_m),
         depth_m=depth_m,
         seen_depth_m=seen_m,
         filled=_is_filled(section, low, high),
@@ -82,54 +83,55 @@ def stepped_root(section: Section, curves: Sequence[Curve], crossed: Corner, mis
 
 def _goes_on(section: Section, right_wall: Curve, left_wall: Curve, crossed_x_m: float, step_x_m: float) -> bool:
     """Whether the points between a step and the walls' crossing lie on the wall that would end at the step."""
-    between = (section.x_m > min(crossed_x_m, step_x_m)) & (section.x_m < max(crossed_x_m, step_x_m))
+    between = section.between(min(crossed_x_m, step_x_m), max(crossed_x_m, step_x_m), ends=False)
     ending, other = (left_wall, right_wall) if crossed_x_m < step_x_m else (right_wall, left_wall)
     x_m, z_m = section.x_m[between], section.z_m[between]
     if len(x_m) < _FEWEST_TELLING:
         return False
-    return bool(np.median(np.abs(z_m - ending.z_of(x_m))) < np.median(np.abs(z_m - other.z_of(x_m))))
+    return median(np.abs(z_m - ending.z_of(x_m))) < median(np.abs(z_m - other.z_of(x_m)))
 
 
 def _is_filled(section: Section, low: Corner, high: Corner) -> bool:
     """Whether most columns between two ends show something that is no deeper than these."""
-    inside = (section.x_m > low.x_m) & (section.x_m < high.x_m)
+    inside = section.between(low.x_m, high.x_m, ends=False)
     level_m = np.interp(section.x_m[inside], [low.x_m, high.x_m], [low.z_m, high.z_m])
-    columns = (high.x_m - low.x_m) / float(np.median(np.diff(section.x_m)))
-    return bool(np.sum(section.z_m[inside] < level_m + _DEEPER_M) > max(_FILLED_SHARE * columns, _FEWEST_FILLING))
+    columns = (high.x_m - low.x_m) / section.spacing_m
+    filling = np.count_nonzero(section.z_m[inside] < level_m + _DEEPER_M)
+    return bool(filling > max(_FILLED_SHARE * columns, _FEWEST_FILLING))
 
 
-def _depth(
-    edges: tuple[Corner, Corner], ends: tuple[Corner, Corner], down: Float[np.ndarray, "2"]
-) -> tuple[float, float]:
+def _depth(edges: tuple[Corner, Corner], ends: tuple[Corner, Corner], down: tuple[float, float]) -> tuple[float, float]:
     """How deep both walls end below their own edges, along `down`, and its variance.
 
     Root faces are alike, so both ends are equally deep, whatever the mismatch. Of ends that differ the shallower one
     may be hidden, or its last columns lost: with the probability of that against chance, the deeper one counts alone.
     """
-    depth_m = np.array([down @ [e.x_m - f.x_m, e.z_m - f.z_m] for e, f in zip(ends, edges, strict=True)])
-    variance = np.square([max(end.sigma_m, 1e-9) for end in ends])
-    deeper, total = int(depth_m.argmax()), float(variance.sum())
-    apart_m = float(np.ptp(depth_m))
-    chance = np.exp(-0.5 * apart_m**2 / total) / np.sqrt(2 * np.pi * total)
-    lost = max(0.5 * _LOST_SHARE * np.exp(-apart_m / _LOST_M) / _LOST_M, 1e-300)
-    alone = float(lost / (lost + (1 - _LOST_SHARE) * chance))
-    both_m, both_variance = float(np.sum(depth_m / variance) / np.sum(1 / variance)), float(1 / np.sum(1 / variance))
-    mean_m = alone * float(depth_m[deeper]) + (1 - alone) * both_m
-    spread = alone * (1 - alone) * (depth_m[deeper] - both_m) ** 2
-    return mean_m, float(alone * variance[deeper] + (1 - alone) * both_variance + spread)
+    depths = [
+        (down[0] * (end.x_m - edge.x_m) + down[1] * (end.z_m - edge.z_m), max(end.sigma_m, 1e-9) ** 2)
+        for end, edge in zip(ends, edges, strict=True)
+    ]
+    (shallow_m, shallow_variance), (deep_m, deep_variance) = sorted(depths)
+    apart_m, total = deep_m - shallow_m, shallow_variance + deep_variance
+    chance = math.exp(-0.5 * apart_m**2 / total) / math.sqrt(2 * math.pi * total)
+    lost = max(0.5 * _LOST_SHARE * math.exp(-apart_m / _LOST_M) / _LOST_M, 1e-300)
+    alone = lost / (lost + (1 - _LOST_SHARE) * chance)
+    both_m = (shallow_m * deep_variance + deep_m * shallow_variance) / total
+    mean_m = alone * deep_m + (1 - alone) * both_m
+    spread = alone * (1 - alone) * (deep_m - both_m) ** 2
+    return mean_m, alone * deep_variance + (1 - alone) * shallow_variance * deep_variance / total + spread
 
 
 def _with_kept(seen_m: float, variance: float, kept_m: float | None) -> tuple[float, float]:
     """The depth of the walls' ends and its variance, with what is kept from the frames before."""
     if kept_m is None:
         return seen_m, variance
-    clear_m = max(_HIGHER_M, _HIGHER_SIGMAS * float(np.sqrt(variance)))
+    clear_m = max(_HIGHER_M, _HIGHER_SIGMAS * math.sqrt(variance))
     if seen_m < kept_m - clear_m:
         return kept_m - _RISE_M, variance + _KEPT_SIGMA_M**2
     return seen_m, variance
 
 
-def _at_depth(wall: Curve, edge: Corner, depth_m: float, down: Float[np.ndarray, "2"]) -> Corner:
+def _at_depth(wall: Curve, edge: Corner, depth_m: float, down: tuple[float, float]) -> Corner:
     """Where a wall is this deep below its edge."""
-    x_m = edge.x_m + depth_m / float(down @ [1.0, wall.slope_at(edge.x_m)])
-    return Corner(x_m=x_m, z_m=wall.z_at(x_m), sigma_m=float(np.sqrt(wall.variance_at(x_m))))
+    x_m = edge.x_m + depth_m / (down[0] + down[1] * wall.slope_at(edge.x_m))
+    return Corner(x_m=x_m, z_m=wall.z_at(x_m), sigma_m=math.sqrt(wall.variance_at(x_m)))
