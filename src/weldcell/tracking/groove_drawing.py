@@ -1,9 +1,11 @@
 """The drawing of a round groove, fitted to the points between its plates."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.linalg.lapack import dposv
 
 from weldcell.tracking.candidates import EXPLAINED_M
 from weldcell.tracking.section import Section
@@ -15,20 +17,23 @@ _LEAST_SCALE = 0.3
 _FEWEST_POINTS = 25
 _START_RADIUS_SHARE = 0.35  # of the groove's width
 _START_WALL = 0.2  # tan of 11 degrees
-_START_HALF_SHARE = 0.02
 _GAP_SIGMAS = 3.0
 _STEEP = 2.0  # slope from which the light's blur runs along the column, with a scatter of its own
 _FEWEST_ALIKE = 12
 _START_SCALES_M = (1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 2.5e-4)  # one round each
-_ROUNDS = 20
-_SETTLED = 1e-9
+_ROUNDS_TO_OPEN = 3  # the last of them: a gap opens in a drawing that is nearly right
+_ROUNDS = 14
+_SETTLED_SIGMAS = 0.01  # length of the last step: what would follow is about as long
 _LEAST_WIDTH_M = 1e-7  # noise-free points are not infinitely heavy
 _MOST_CONDITION = 1e13
-_WALL_SIGMA = 0.5  # of a wall's tangent that no point tells: hidden walls leave the rest determined
-_STEP_M = 1e-7
 _SCALES = np.array([1e-3, 1e-3, 1e-3, 0.1, 0.1, 1e-3])  # of the numbers, so that they compare
-_WALL_RANGE = (0.02, 1.2)
-_RADIUS_RANGE_M = (5e-4, 3e-2)
+_DIAGONAL = np.eye(6)
+_LONGEST_STEP = 3.0  # of these scales
+_WALL_SIGMA = 0.5  # of a wall's tangent that no point tells: hidden walls leave the rest determined
+_UNSEEN = np.diag([0, 0, 0, 1, 1, 0]) * np.square(_SCALES / _WALL_SIGMA)
+_LEAST = np.array([-np.inf, -np.inf, 5e-4, 0.02, 0.02, 0.0])
+_MOST = np.array([np.inf, np.inf, 3e-2, 1.2, 1.2, np.inf])
+_LEAST_LEAN = 0.05  # of the noise's direction out of the drawing
 _LEAST_EXPLAINED = 0.5
 _NEAR_SIGMAS = 10.0
 
@@ -72,17 +77,20 @@ class Drawing:
 
     def wall_at(self, side: int, d_m: float) -> float:
         """s of a side's wall, prolonged if need be, at depth d."""
-        return _wall_at(self.numbers, side, d_m + side * self.higher_m / 2)
+        tangent = self.walls[0 if side < 0 else 1]
+        rise_m = self.depth_m - d_m - side * self.higher_m / 2
+        return self.middle_m + side * (
+            self.half_m + self.radius_m * (math.hypot(1, tangent) - tangent) + rise_m * tangent
+        )
 
     def wall_gradient(self, side: int, d_m: float) -> Float[np.ndarray, "6"]:
         """Derivatives of `wall_at` after the numbers."""
-        steps, at_m = _STEP_M * np.eye(6), d_m + side * self.higher_m / 2
-        return np.array(
-            [
-                (_wall_at(self.numbers + h, side, at_m) - _wall_at(self.numbers - h, side, at_m)) / (2 * _STEP_M)
-                for h in steps
-            ]
-        )
+        tangent = self.walls[0 if side < 0 else 1]
+        rise_m = self.depth_m - d_m - side * self.higher_m / 2
+        hypotenuse = math.hypot(1, tangent)
+        by_tangent = self.radius_m * (tangent / hypotenuse - 1) + rise_m
+        by_walls = [by_tangent, 0.0] if side < 0 else [0.0, by_tangent]
+        return np.array([side, tangent, hypotenuse - tangent, *by_walls, 1.0]) * side
 
 
 def fit_drawing(
@@ -106,160 +114,176 @@ def _fitted(section: Section, right_m: float, left_m: float, sides: tuple[bool, 
     if len(section.x_m) < _FEWEST_POINTS:
         return "too few points between its plates"
     free = np.array([True, True, True, sides[0], sides[1], False])
-    without = _descend(section, _start(section, right_m, left_m, sides), free, sides)
-    if not all(sides) or not _gap_shows(section, without):
-        return _result(section, without, free, sides)
-    opened = without.copy()
-    opened[5] = _START_HALF_SHARE * (left_m - right_m)
-    free[5] = True
-    gapped = _result(section, _descend(section, opened, free, sides, near=True), free, sides)
-    if not isinstance(gapped, str) and gapped.half_m > _GAP_SIGMAS * np.sqrt(gapped.covariance[5, 5]):
-        return gapped
-    free[5] = False
-    return _result(section, without, free, sides)
+    rough = _roughly(section, _start(section, right_m, left_m, sides), free, sides, _START_SCALES_M)
+    if all(sides) and _gap_shows(section, rough):
+        opened = _roughly(section, rough, np.ones(6, bool), sides, _START_SCALES_M[-_ROUNDS_TO_OPEN:])
+        gapped = _settled(section, opened, np.ones(6, bool), sides)
+        if not isinstance(gapped, str) and gapped.half_m > _GAP_SIGMAS * math.sqrt(gapped.covariance[5, 5]):
+            return gapped
+    return _settled(section, rough, free, sides)
 
 
 def _start(section: Section, right_m: float, left_m: float, sides: tuple[bool, bool]) -> Float[np.ndarray, "6"]:
-    depth = float(np.percentile(section.z_m, 75))
+    deep = len(section.z_m) * 3 // 4
+    depth = float(np.partition(section.z_m, deep)[deep])
     width = left_m - right_m
     middle = (left_m + right_m) / 2 if all(sides) else right_m + 0.05 * width
     radius = _START_RADIUS_SHARE * width * (1.0 if all(sides) else 1.6)
     return np.array([middle, depth, min(radius, 0.9 * depth), _START_WALL, _START_WALL, 0.0])
 
 
-def _wall_at(numbers: Float[np.ndarray, "6"], side: int, d_m: float) -> float:
-    middle, depth, radius, right_wall, left_wall, half = numbers
-    tangent = left_wall if side > 0 else right_wall
-    angle = np.arctan(tangent)
-    start_s, start_d = half + radius * np.cos(angle), depth - radius + radius * np.sin(angle)
-    return float(middle + side * (start_s + (start_d - d_m) * tangent))
-
-
 def _drawn(
-    numbers: Float[np.ndarray, "6"], s_m: Float[np.ndarray, "n"], sides: tuple[bool, bool]
+    numbers: Float[np.ndarray, "6"], section: Section, sides: tuple[bool, bool]
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"], Float[np.ndarray, "6 n"]]:
-    """d of the drawing at each s, its slope, and its derivatives after the numbers.
+    """How much deeper each point lies than the drawing, its sigma, and the drawing's derivatives after the numbers.
 
-    With b the distance from where the circle begins, r the radius, m the wall's tangent and c = 1 / sqrt(1 + m^2):
-    d = depth - r + sqrt(r^2 - b^2) on the circle, and on the wall, from b = r c on,
-    d = depth - r + r m c - (b - r c) / m = depth - r + r / (m c) - b / m. Beyond a square face the bottom goes on.
+    With b the distance from where the circle begins, r the radius and m the wall's tangent, the wall is the circle's
+    tangent where a = r / sqrt(1 + m^2) and a / h = 1 / m. So with a = min(b, r / sqrt(1 + m^2)) and
+    h = sqrt(r^2 - a^2),
+
+        d = depth - r + h - (b - a) a / h,
+
+    whose derivatives after r, b and (on the wall) m are r / h - 1, -a / h and (b - a) / m^2. Beyond a square face the
+    bottom goes on. The derivatives after the middle, half and radius tell the drawing's direction everywhere: they are
+    -dd/ds, its magnitude, and sqrt(1 + (dd/ds)^2) - 1.
     """
-    middle, depth, radius, right_wall, left_wall, half = numbers
-    side = np.where(s_m < middle, -1.0, 1.0)
-    tangent = np.where(side < 0, right_wall, left_wall)
-    b = side * (s_m - middle) - half
-    if not sides[0]:
-        b = np.where(side < 0, 0.0, b)
-    b = np.maximum(b, 0.0)
-    hypotenuse = np.sqrt(1 + tangent**2)  # 1 / c
-    wall = b > radius / hypotenuse
-    height = np.sqrt(np.maximum(radius**2 - np.where(wall, 0.0, b) ** 2, 1e-16))
-    d = depth - radius + np.where(wall, (radius * hypotenuse - b) / tangent, height)
-    by_b = np.where(b > 0, np.where(wall, -1 / tangent, -b / height), 0.0)
-    by_wall = np.where(wall, (b - radius / hypotenuse) / tangent**2, 0.0)
-    by_radius = np.where(wall, hypotenuse / tangent, radius / height) - 1
-    slope = by_b * side
-    by_numbers = np.stack([-slope, np.ones_like(d), by_radius, by_wall * (side < 0), by_wall * (side > 0), -by_b])
-    return d, slope, by_numbers
+    middle, depth, radius, right_wall, left_wall, half = numbers.tolist()
+    beside = section.x_m - middle
+    left = beside > 0
+    b = np.maximum((np.abs(beside) if sides[0] else beside) - half, 0.0)
+    a = np.minimum(b, np.where(left, radius / math.hypot(1, left_wall), radius / math.hypot(1, right_wall)))
+    h = np.sqrt(radius**2 - a * a)
+    fall, beyond = a / h, b - a
+    by_numbers = np.empty((6, len(h)))
+    by_numbers[0] = np.copysign(fall, beside)
+    by_numbers[1] = 1.0
+    by_numbers[2] = radius / h - 1
+    by_numbers[3] = beyond * (~left / right_wall**2)
+    by_numbers[4] = beyond * (left / left_wall**2)
+    by_numbers[5] = fall
+    deeper = section.z_m - (depth - radius + h - fall * beyond)
+    sigma = section.sigma_m * np.maximum(np.abs(1 + by_numbers[0] * section.noise_slope), _LEAST_LEAN)
+    return deeper, np.maximum(sigma, _LEAST_WIDTH_M), by_numbers
 
 
-def _descend(
+def _roughly(
     section: Section,
     numbers: Float[np.ndarray, "6"],
     free: Bool[np.ndarray, "6"],
     sides: tuple[bool, bool],
-    *,
-    near: bool = False,
+    scales_m: tuple[float, ...],
 ) -> Float[np.ndarray, "6"]:
-    """Levenberg-Marquardt with Tukey's weights, whose scale comes down from a millimetre to the residuals' own.
-
-    A start that is `near` needs the later ones of these scales only.
-    """
-    scale, damping = np.ones(len(section.x_m)), 1e-2
-    for turn in range(len(_START_SCALES_M) // 2 if near else 0, _ROUNDS):
-        d, slope, by_numbers = _drawn(numbers, section.x_m, sides)
-        sigma = section.sigma_m * np.maximum(np.abs(1 - slope * section.noise_slope), 0.05)
-        residual = section.z_m - d
-        if turn < len(_START_SCALES_M):
-            width = np.maximum(sigma, _START_SCALES_M[turn] * np.hypot(1, slope) / 3)
-        else:
-            relative = np.abs(residual) / sigma
-            scale = _scales(relative, relative <= 3 * scale + 3, np.abs(slope) > _STEEP)
-            width = np.maximum(sigma * scale, _LEAST_WIDTH_M)
-        weight = np.square(np.maximum(1 - np.square(residual / (_TUKEY * width)), 0) / width)
-        jacobian = by_numbers[free] * _SCALES[free][:, None]
-        weighted = jacobian * weight
-        normal = weighted @ jacobian.T
-        diagonal = np.diag(normal)
-        normal[np.diag_indices_from(normal)] += damping * diagonal + 1e-12 * diagonal.sum() + 1e-30
-        step = np.linalg.solve(normal, weighted @ residual) * _SCALES[free]
-        moved = numbers.copy()
-        moved[free] += np.clip(step, -3 * _SCALES[free], 3 * _SCALES[free])
-        moved[3:5] = np.clip(moved[3:5], *_WALL_RANGE)
-        moved[2] = np.clip(moved[2], *_RADIUS_RANGE_M)
-        moved[5] = max(moved[5], 0.0)
-        settled = np.abs(moved - numbers).max() < _SETTLED and turn > len(_START_SCALES_M)
-        numbers = moved
+    """Levenberg-Marquardt with Tukey's weights, one round with each of these scales."""
+    damping = 1e-2
+    for scale_m in scales_m:
+        deeper, sigma, by_numbers = _drawn(numbers, section, sides)
+        width = np.maximum(sigma, scale_m / 3 * (1 + by_numbers[2]))
+        numbers, _ = _step(numbers, by_numbers, deeper, _weights(deeper, width), free, damping)
         damping *= 0.2
-        if settled:
-            break
     return numbers
+
+
+def _settled(
+    section: Section, numbers: Float[np.ndarray, "6"], free: Bool[np.ndarray, "6"], sides: tuple[bool, bool]
+) -> Drawing | str:
+    """The drawing that a rough one settles at, with Tukey's weights at the residuals' own scale."""
+    scale = np.ones(len(section.x_m))
+    for _ in range(_ROUNDS):
+        deeper, sigma, by_numbers = _drawn(numbers, section, sides)
+        relative = np.abs(deeper) / sigma
+        scale = _scales(relative, relative <= 3 * scale + 3, by_numbers[5] > _STEEP)
+        numbers, moved = _step(numbers, by_numbers, deeper, _weights(deeper, sigma * scale), free)
+        if moved < _SETTLED_SIGMAS:
+            break
+    return _result(section, numbers, free, sides)
+
+
+def _weights(deeper: Float[np.ndarray, "n"], width: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """Tukey's weight of each residual, over its variance."""
+    return np.asarray(np.square(np.maximum(1 - np.square(deeper / (_TUKEY * width)), 0) / width))
+
+
+def _step(
+    numbers: Float[np.ndarray, "6"],
+    by_numbers: Float[np.ndarray, "6 n"],
+    deeper: Float[np.ndarray, "n"],
+    weight: Float[np.ndarray, "n"],
+    free: Bool[np.ndarray, "6"],
+    damping: float = 0.0,
+) -> tuple[Float[np.ndarray, "6"], float]:
+    """The numbers a step on, and its length in their sigmas; those that are not free stay."""
+    normal, target = _normal_equations(by_numbers, deeper, weight, free)
+    step = dposv(_lifted(normal, damping), target)[1]
+    moved = numbers + _SCALES * np.minimum(np.maximum(step, -_LONGEST_STEP), _LONGEST_STEP)
+    moved = np.minimum(np.maximum(moved, _LEAST), _MOST)
+    done = (moved - numbers) / _SCALES
+    return moved, math.sqrt(max(float(done @ normal @ done), 0.0))
+
+
+def _normal_equations(
+    by_numbers: Float[np.ndarray, "6 n"],
+    deeper: Float[np.ndarray, "n"],
+    weight: Float[np.ndarray, "n"],
+    free: Bool[np.ndarray, "6"],
+) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+    """Both sides of the equations of a step, in units of `_SCALES`; rows of numbers that are not free are zero."""
+    jacobian = by_numbers * (free * _SCALES)[:, None]
+    weighted = jacobian * weight
+    return weighted @ jacobian.T, weighted @ deeper
+
+
+def _lifted(normal: Float[np.ndarray, "6 6"], damping: float = 0.0) -> Float[np.ndarray, "6 6"]:
+    """Normal equations that are definite: what no point tells stays where it is."""
+    return normal * (1 + damping * _DIAGONAL) + (1e-12 * float(normal.trace()) + 1e-30) * _DIAGONAL
 
 
 def _gap_shows(section: Section, numbers: Float[np.ndarray, "6"]) -> bool:
     """Whether one step of Gauss and Newton from a drawing without gap opens one significantly."""
-    d, slope, by_numbers = _drawn(numbers, section.x_m, (True, True))
-    residual = section.z_m - d
-    sigma = np.maximum(section.sigma_m * np.maximum(np.abs(1 - slope * section.noise_slope), 0.05), _LEAST_WIDTH_M)
-    relative = np.abs(residual) / sigma
-    width = sigma * _scales(relative, np.isfinite(relative), np.abs(slope) > _STEEP)  # a gap left out fits nowhere
-    weight = np.square(np.maximum(1 - np.square(residual / (_TUKEY * width)), 0) / width)
-    jacobian = by_numbers * _SCALES[:, None]
-    inverse = np.linalg.pinv((jacobian * weight) @ jacobian.T)
-    half = inverse[5] @ ((jacobian * weight) @ residual)
-    return bool(half > _GAP_SIGMAS * np.sqrt(max(inverse[5, 5], 0.0)))
+    deeper, sigma, by_numbers = _drawn(numbers, section, (True, True))
+    relative = np.abs(deeper) / sigma
+    scale = _scales(relative, np.isfinite(relative), by_numbers[5] > _STEEP)  # a gap left out fits nowhere
+    normal, target = _normal_equations(by_numbers, deeper, _weights(deeper, sigma * scale), np.ones(6, bool))
+    by_half = dposv(_lifted(normal), _DIAGONAL[5])[1]
+    return bool(by_half @ target > _GAP_SIGMAS * math.sqrt(by_half[5]))
 
 
 def _result(
     section: Section, numbers: Float[np.ndarray, "6"], free: Bool[np.ndarray, "6"], sides: tuple[bool, bool]
 ) -> Drawing | str:
-    d, slope, by_numbers = _drawn(numbers, section.x_m, sides)
-    residual = np.abs(section.z_m - d)
+    deeper, sigma, by_numbers = _drawn(numbers, section, sides)
     # Across the drawing: on a steep wall a column's step is long.
-    explained = float(np.mean(residual <= np.hypot(1, slope) * np.maximum(EXPLAINED_M, 4 * section.sigma_m)))
+    on = np.abs(deeper) <= (1 + by_numbers[2]) * np.maximum(EXPLAINED_M, 4 * section.sigma_m)
+    explained = np.count_nonzero(on) / len(on)
     if explained < _LEAST_EXPLAINED:
         return "most points between its plates do not lie on a round groove"
-    sigma = section.sigma_m * np.maximum(np.abs(1 - slope * section.noise_slope), 0.05)
-    relative = residual / np.maximum(sigma, _LEAST_WIDTH_M)
-    scale = _scales(relative, relative <= _NEAR_SIGMAS, np.abs(slope) > _STEEP)
+    relative = np.abs(deeper) / sigma
+    scale = _scales(relative, relative <= _NEAR_SIGMAS, by_numbers[5] > _STEEP)
     robust = np.square(np.maximum(1 - np.square(relative / (_TUKEY * scale)), 0))
-    free = free & np.array([True] * 5 + [numbers[5] > 0])
-    jacobian = by_numbers[free] * _SCALES[free][:, None]
-    width = np.maximum(sigma * np.maximum(scale, 1.0), _LEAST_WIDTH_M)
-    normal = (jacobian * (robust / np.square(width))) @ jacobian.T
-    unseen = np.array([0, 0, 0, 1, 1, 0])[free] / _WALL_SIGMA**2 * np.square(_SCALES[free])
-    normal[np.diag_indices_from(normal)] += unseen
-    if not np.linalg.cond(normal) < _MOST_CONDITION:
+    told = np.flatnonzero(free[: 6 if numbers[5] > 0 else 5])
+    normal, _ = _normal_equations(by_numbers, deeper, robust / np.square(sigma * np.maximum(scale, 1.0)), free)
+    values, vectors = np.linalg.eigh((normal + _UNSEEN)[told[:, None], told])
+    if not 0 < values[-1] < _MOST_CONDITION * values[0]:
         return "its points do not determine it"
     covariance = np.zeros((6, 6))
-    inverse = np.linalg.inv(normal) * np.outer(_SCALES[free], _SCALES[free]) / _EFFICIENCY
-    covariance[np.ix_(free, free)] = inverse
-    return Drawing(numbers=numbers, covariance=covariance, count=int((robust > 0).sum()), explained=explained)
+    covariance[told[:, None], told] = (vectors / values) @ vectors.T / _EFFICIENCY
+    covariance *= np.outer(_SCALES, _SCALES)
+    return Drawing(numbers=numbers, covariance=covariance, count=int(np.count_nonzero(robust)), explained=explained)
 
 
 def _scales(
     relative: Float[np.ndarray, "n"], near: Bool[np.ndarray, "n"], steep: Bool[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
     """For each point the scale of the residuals of its like, steep or not, in predicted sigmas."""
-    scale = np.full(len(relative), _scale(relative[near]))
-    for alike in (steep, ~steep):
-        if np.count_nonzero(near & alike) >= _FEWEST_ALIKE:
-            scale[alike] = _scale(relative[near & alike])
-    return scale
+    alike = relative[near & steep], relative[near & ~steep]
+    of_all = 1.0 if min(map(len, alike)) >= _FEWEST_ALIKE else _scale(relative[near])
+    steeps, others = (_scale(those) if len(those) >= _FEWEST_ALIKE else of_all for those in alike)
+    return np.where(steep, steeps, others)
 
 
 def _scale(relative: Float[np.ndarray, "n"]) -> float:
+    """The scale of residuals, which may be reordered."""
     if not len(relative):
         return 1.0
     middle = len(relative) // 2
-    return max(_MAD_TO_SIGMA * float(np.partition(relative, middle)[middle]), _LEAST_SCALE)
+    relative.partition(middle)
+    return max(_MAD_TO_SIGMA * float(relative[middle]), _LEAST_SCALE)

@@ -1,5 +1,6 @@
 """A groove's edge: where its wall, as drawn, crosses the plate beside it, checked against where the plate ends."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from weldcell.tracking.curve_end import curve_end
 from weldcell.tracking.curves import Curve
 from weldcell.tracking.groove_drawing import Drawing
 from weldcell.tracking.plates_frame import PlatesFrame
+from weldcell.tracking.quantiles import quantile
 from weldcell.tracking.section import Corner, Section
 
 BESIDE_M = 3e-3
@@ -31,15 +33,15 @@ def groove_edge(
     If too little of the wall is seen, the plate's end alone.
     """
     end = curve_end(section, plate, end_m + side * BESIDE_M, end_m - side * BESIDE_M)
-    s_m, d_m = drawing.wall_at(side, 0.0), 0.0
+    wall, top_m = drawing.walls[0 if side < 0 else 1], drawing.wall_at(side, 0.0)
+    s_m, d_m = top_m, 0.0
     for _ in range(4):  # the plate is nearly level in this frame
         d_m = plate_depth(frame, plate, s_m)
-        s_m = drawing.wall_at(side, d_m)
+        s_m = top_m - side * wall * d_m
     jacobian = drawing.wall_gradient(side, d_m)
-    wall = drawing.walls[0 if side < 0 else 1]
-    x_m = float(frame.origin[0] + s_m * frame.axes[0, 0])
+    x_m, _ = frame.to_section(s_m, d_m)
     variance = float(jacobian @ drawing.covariance @ jacobian) + (1 + wall**2) * plate.variance_at(x_m)
-    crossed = frame.corner(float(s_m), float(d_m), float(np.sqrt(variance)))
+    crossed = frame.corner(s_m, d_m, math.sqrt(variance))
     sure = crossed.sigma_m <= _SURE_M
     if end is None or end.nats < _LEAST_NATS:
         return crossed if sure and abs(crossed.x_m - end_m) <= _EDGE_SLACK_M else None
@@ -55,9 +57,9 @@ def plate_depth(frame: PlatesFrame, plate: Curve, s_m: float) -> float:
     """d of the plate at s."""
     d_m = 0.0
     for _ in range(3):
-        x_m, z_m = frame.origin + np.array([s_m, d_m]) @ frame.axes
-        d_m += (plate.z_at(float(x_m)) - z_m) * np.cos(frame.angle_rad)
-    return float(d_m)
+        x_m, z_m = frame.to_section(s_m, d_m)
+        d_m += (plate.z_at(x_m) - z_m) * math.cos(frame.angle_rad)
+    return d_m
 
 
 def _is_wall_seen(section: Section, frame: PlatesFrame, drawing: Drawing, side: int) -> bool:
@@ -68,12 +70,13 @@ def _is_wall_seen(section: Section, frame: PlatesFrame, drawing: Drawing, side: 
     on = (np.abs(off_m) < _ON_WALL_M) & (part.z_m > _DEEPER_M) & (part.z_m < drawing.depth_m - drawing.radius_m / 2)
     if on.sum() < _FEWEST_ON_WALL:
         return False
-    return bool(np.ptp(np.quantile(part.z_m[on], [0.1, 0.9])) > _WALL_SHARE * drawing.depth_m)
+    seen_m = quantile(part.z_m[on], 0.9) - quantile(part.z_m[on], 0.1)
+    return seen_m > _WALL_SHARE * drawing.depth_m
 
 
 def _is_dark(section: Section, first_m: float, last_m: float) -> bool:
     """Whether next to nothing is seen between two x: a plate whose last stretch is hidden, not one that bends off."""
-    spacing_m = float(np.median(np.diff(section.x_m)))
+    spacing_m = section.spacing_m
     low, high = sorted((first_m, last_m))
     seen = np.sum((section.x_m > low + spacing_m) & (section.x_m < high - spacing_m))
     return bool(seen <= max(_FEW_SEEN, _FEW_SEEN_SHARE * (high - low) / spacing_m))

@@ -30,6 +30,7 @@ from weldcell.tracking.groove_drawing import Drawing, fit_drawing
 from weldcell.tracking.groove_edge import BESIDE_M, groove_edge, plate_depth
 from weldcell.tracking.pieces import Piece, flipped_piece, straight_pieces
 from weldcell.tracking.plates_frame import PlatesFrame, plates_frame
+from weldcell.tracking.quantiles import median, quantile
 from weldcell.tracking.section import Corner, Section
 
 U_NAMES = ("left", "centre", "right")
@@ -42,7 +43,7 @@ _LEAST_PLATE_M = 3e-3
 _WIDTH_M = (2e-3, 6e-2)
 _LEAST_DEPTH_M, _MOST_MISMATCH_M = 1.5e-3, 5e-3
 _GUARD_M = 4e-4
-_LOPSIDED_SHARE = 0.1
+_LOPSIDED_SHARE, _NOT_DEEP = 0.1, 0.6
 _FEWEST_BETWEEN = 15
 _MOST_RISEN_M = 1.5e-3
 
@@ -53,6 +54,8 @@ class _Opening:
 
     right: Piece
     left: Piece
+    weight: float
+    """Points of the plates, and those between that lie below them."""
 
     @property
     def middle_m(self) -> float:
@@ -85,9 +88,10 @@ def _find(
     if len(section.x_m) < _FEWEST_POINTS:
         return Found(reason=f"{len(section.x_m)} points are too few for a {name} (at least {_FEWEST_POINTS})")
     pieces = straight_pieces(section, steepest=_STEEPEST, neighbours=_NEIGHBOURS)
-    found = [_opening(section, right, left) for right, left in combinations(pieces, 2)]
+    plates = [piece for piece in pieces if piece.end_m - piece.start_m >= _LEAST_PLATE_M]
+    found = [_opening(section, right, left) for right, left in combinations(plates, 2)]
     openings = [one for one in found if one is not None and is_near(one.middle_m, previous_x_m)]
-    chosen = best_of([_weight(section, one) for one in openings], [one.middle_m for one in openings])
+    chosen = best_of([one.weight for one in openings], [one.middle_m for one in openings])
     if chosen is None:
         return Found(reason=f"no {name}{near_words(previous_x_m)}: of {len(pieces)} straight pieces no two enclose one")
     best, margin = openings[chosen[0]], chosen[1]
@@ -99,32 +103,27 @@ def _find(
 
 
 def _opening(section: Section, right: Piece, left: Piece) -> _Opening | None:
-    if min(right.end_m - right.start_m, left.end_m - left.start_m) < _LEAST_PLATE_M or not is_plate_pair(right, left):
-        return None
-    if not _WIDTH_M[0] <= left.start_m - right.end_m <= _WIDTH_M[1]:
+    """What two plates enclose, if it is a groove."""
+    if not is_plate_pair(right, left) or not _WIDTH_M[0] <= left.start_m - right.end_m <= _WIDTH_M[1]:
         return None
     middle_m = (right.end_m + left.start_m) / 2
     if abs(right.z_at(middle_m) - left.z_at(middle_m)) > _MOST_MISMATCH_M:
         return None
-    one = _Opening(right=right, left=left)
-    depths = _depths_between(section, one)
-    if len(depths) < _FEWEST_BETWEEN or np.median(depths) < _LEAST_DEPTH_M:
+    depths_m = _depths_between(section, right, left)
+    if len(depths_m) < _FEWEST_BETWEEN or median(depths_m) < _LEAST_DEPTH_M:
         return None
-    return one
+    plate_m = min(right.end_m - right.start_m, left.end_m - left.start_m, PLATE_LENGTH_M)
+    deep = np.count_nonzero(depths_m > _GUARD_M)
+    weight = plate_m / PLATE_LENGTH_M * 100 + deep - 2 * (len(depths_m) - deep)
+    return _Opening(right=right, left=left, weight=weight)
 
 
-def _depths_between(section: Section, one: _Opening) -> Float[np.ndarray, "k"]:
+def _depths_between(section: Section, right: Piece, left: Piece) -> Float[np.ndarray, "k"]:
     """How far the points between two plates lie below them."""
-    inside = (section.x_m > one.right.end_m) & (section.x_m < one.left.start_m)
-    ends = [one.right.end_m, one.left.start_m]
-    return section.z_m[inside] - np.interp(section.x_m[inside], ends, [one.right.z_at(ends[0]), one.left.z_at(ends[1])])
-
-
-def _weight(section: Section, one: _Opening) -> float:
-    """Points of the plates, and those between that lie below them."""
-    plate_m = min(one.right.end_m - one.right.start_m, one.left.end_m - one.left.start_m, PLATE_LENGTH_M)
-    depths = _depths_between(section, one)
-    return plate_m / PLATE_LENGTH_M * 100 + float((depths > _GUARD_M).sum() - 2 * (depths <= _GUARD_M).sum())
+    inside = np.flatnonzero((section.x_m > right.end_m) & (section.x_m < left.start_m))
+    ends_m = [right.end_m, left.start_m]
+    plates_m = np.interp(section.x_m[inside], ends_m, [right.z_at(right.end_m), left.z_at(left.start_m)])
+    return section.z_m[inside] - plates_m
 
 
 def _plate(section: Section, piece: Piece, edge_m: float) -> Curve | None:
@@ -168,10 +167,9 @@ def _u_drawing(
     inside = (section.x_m > right_m - _GUARD_M) & (section.x_m < left_m + _GUARD_M)
     part = frame.of(section.only(inside))
     below = part.z_m > _GUARD_M  # the plates' ends are known already
-    s = (np.array([[right_m, plates[0].z_at(right_m)], [left_m, plates[1].z_at(left_m)]]) - frame.origin) @ frame.axes.T
-    return fit_drawing(
-        part.only(below), float(s[0, 0]), float(s[1, 0]), sides=(True, True), higher_m=float(s[0, 1] - s[1, 1])
-    )
+    right_s, right_d = frame.from_section(right_m, plates[0].z_at(right_m))
+    left_s, left_d = frame.from_section(left_m, plates[1].z_at(left_m))
+    return fit_drawing(part.only(below), right_s, left_s, sides=(True, True), higher_m=right_d - left_d)
 
 
 def _as_certain(
@@ -194,10 +192,11 @@ def _as_certain(
 
 def _j_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float) -> Found:
     """The way round that puts the deepest points beside the square face; both ways where that is not clear."""
-    inside = (section.x_m > opening.right.end_m) & (section.x_m < opening.left.start_m)
-    deep = inside & (section.z_m >= np.percentile(section.z_m[inside], 60))
+    inside = np.flatnonzero((section.x_m > opening.right.end_m) & (section.x_m < opening.left.start_m))
+    z_m = section.z_m[inside]
+    deep = inside[z_m >= quantile(z_m, _NOT_DEEP)]
     width_m = opening.left.start_m - opening.right.end_m
-    aside = (float(np.median(section.x_m[deep])) - opening.middle_m) / width_m
+    aside = (median(section.x_m[deep]) - opening.middle_m) / width_m
     ways = [False, True] if abs(aside) < _LOPSIDED_SHARE else [aside > 0]
     found = [_j_one_way(section, opening, plates, margin, flipped) for flipped in ways]
     return max(found, key=lambda one: one.trust.explained if one.trust else 0.0)
@@ -206,7 +205,7 @@ def _j_groove(section: Section, opening: _Opening, plates: tuple[Curve, Curve], 
 def _j_one_way(section: Section, opening: _Opening, plates: tuple[Curve, Curve], margin: float, flipped: bool) -> Found:
     if not flipped:
         return _j_with_square_right(section, opening, plates, margin)
-    turned = _Opening(right=flipped_piece(opening.left), left=flipped_piece(opening.right))
+    turned = replace(opening, right=flipped_piece(opening.left), left=flipped_piece(opening.right))
     turned_plates = (flipped_curve(plates[1]), flipped_curve(plates[0]))
     found = _j_with_square_right(mirrored(section), turned, turned_plates, margin)
     return replace(
@@ -226,7 +225,7 @@ def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curv
     frame = PlatesFrame(origin=np.array([square.x_m, square.z_m]), angle_rad=plates[0].angle_at(square.x_m))
     inside = (section.x_m > right_m - 10 * _GUARD_M - BESIDE_M) & (section.x_m < left_m + _GUARD_M)
     part = frame.of(section.only(inside))
-    edge_s = float(((np.array([left_m, plates[1].z_at(left_m)]) - frame.origin) @ frame.axes.T)[0])
+    edge_s, _ = frame.from_section(left_m, plates[1].z_at(left_m))
     below = (part.z_m > _GUARD_M) & (part.x_m > 1e-4)  # the face is the line s = 0
     fitted = fit_drawing(part.only(below), 0.0, edge_s, sides=(False, True))
     if isinstance(fitted, str):
@@ -234,7 +233,7 @@ def _j_with_square_right(section: Section, opening: _Opening, plates: tuple[Curv
     left = groove_edge(section, frame, plates[1], fitted, 1, left_m)
     if left is None:
         return Found(reason="no J groove: its edge is not where its plate ends")
-    higher_m = float(-plate_depth(frame, plates[1], edge_s))  # the plate with the J, and so its root edge
+    higher_m = -plate_depth(frame, plates[1], edge_s)  # the plate with the J, and so its root edge
     gap_m = max(fitted.middle_m, 0.0)  # the circle begins here, the face is at s = 0
     root = frame.corner(gap_m / 2, fitted.depth_m + higher_m / 2, _j_root_sigma_m(fitted, plates[0], square))
     measures = {
