@@ -113,6 +113,17 @@ def test_distortion_jacobian_agrees_with_differences_of_opencv(camera):
 
 @given(cameras())
 @settings(max_examples=20, deadline=None)
+def test_slopes_of_unprojected_pixels_are_those_of_the_distortion_there(camera):
+    for one in (camera, replace(camera, distortion=np.zeros(14))):
+        rays, slopes = one.unproject_with_slopes(sensor_grid(one))
+        assert np.array_equal(rays, one.unproject(sensor_grid(one)), equal_nan=True)
+        found = np.isfinite(rays).all(axis=1)
+        expected = one.distortion_jacobian(rays[found, :2])
+        np.testing.assert_allclose(slopes[found], expected, rtol=0, atol=1e-13)  # rounding, some ulp
+
+
+@given(cameras())
+@settings(max_examples=20, deadline=None)
 def test_the_tilted_picture_plane_is_a_plane_with_even_pixels(camera):
     """Where OpenCV's rays pierce the plane of `picture_depth`, distances are those of the pixels."""
     tilted = replace(camera, distortion=np.concatenate([np.zeros(12), camera.distortion[12:]]))

@@ -14,6 +14,7 @@ _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-14  # normalised image units: 1e-10 px at a focal length of 1e4 px
 _CONVERGED = 1e-13  # 1e-9 px: where rounding stops Newton's method short of its tolerance
 _Values = Float[np.ndarray, "*batch"]
+_Slopes = tuple[tuple[_Values, _Values], tuple[_Values, _Values]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,10 +59,14 @@ class CameraModel:
 
     def unproject(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
         """Rays (x, y, 1) of pixels; NaN where the distortion cannot be inverted."""
-        distorted = (np.asarray(pixels, dtype=float) - self.principal_px) / self.focal_px
-        normalised = self.undistort(distorted)
-        forward = np.where(np.isnan(normalised[..., :1]), np.nan, 1.0)
-        return np.concatenate([normalised, forward], axis=-1)
+        return self._unprojected(pixels)[0]
+
+    def unproject_with_slopes(
+        self, pixels: Float[np.ndarray, "*batch 2"]
+    ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 2 2"]]:
+        """Rays as from `unproject`, and `distortion_jacobian` there (without meaning where a ray is NaN)."""
+        rays, slopes = self._unprojected(pixels)
+        return rays, _matrices(slopes)
 
     def in_picture(self, pixels: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
         """Whether pixels lie within the picture."""
@@ -70,7 +75,9 @@ class CameraModel:
 
     def distort(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
         """Distorted normalised image coordinates (OpenCV's calib3d documentation, rational and tilted model)."""
-        bent = np.stack(self._bent(normalised[..., 0], normalised[..., 1]), axis=-1)
+        x, y = normalised[..., 0], normalised[..., 1]
+        r2 = x * x + y * y
+        bent = np.stack(self._bent(x, y, r2, self._radial(r2)), axis=-1)
         return _mapped(bent, self._tilt) if self._is_tilted else bent
 
     def undistort(self, distorted: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
@@ -78,33 +85,11 @@ class CameraModel:
 
         There the distortion turns its orientation: a second ray hits the same pixel.
         """
-        target = np.array(distorted, dtype=float)
-        if not self.distortion.any():
-            return target
-        guess = _mapped(target, np.linalg.inv(self._tilt)) if self._is_tilted else target
-        error = self.distort(guess) - target
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for _ in range(_NEWTON_STEPS):
-                (xx, xy), (yx, yy) = np.moveaxis(self.distortion_jacobian(guess), (-2, -1), (0, 1))
-                x, y, turn = error[..., 0], error[..., 1], xx * yy - xy * yx
-                guess = guess - np.stack([yy * x - xy * y, xx * y - yx * x], axis=-1) / turn[..., None]
-                error = self.distort(guess) - target
-                if not np.any(np.abs(error) > _NEWTON_TOLERANCE):
-                    break
-            found = (np.hypot(error[..., 0], error[..., 1]) < _CONVERGED) & (turn > 0)
-        return np.where(found[..., None], guess, np.nan)
+        return self._undistorted(distorted)[0]
 
     def distortion_jacobian(self, normalised: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2 2"]:
         """Derivatives of `distort`: rows are the distorted x and y, columns the undistorted ones."""
-        (xx, xy), (yx, yy) = self._bent_slopes(normalised[..., 0], normalised[..., 1])
-        bent = np.empty((*np.shape(xx), 2, 2))
-        bent[..., 0, 0], bent[..., 0, 1], bent[..., 1, 0], bent[..., 1, 1] = xx, xy, yx, yy
-        if not self._is_tilted:
-            return bent
-        tilted = self.distort(normalised)
-        flat = np.linalg.inv(self._tilt)  # 1 / the tilt's divisor is linear in the tilted coordinates
-        nearness = tilted @ flat[2, :2] + flat[2, 2]
-        return (self._tilt[:2, :2] - tilted[..., None] * self._tilt[2, :2]) * nearness[..., None, None] @ bent
+        return _matrices(self._distorted(normalised[..., 0], normalised[..., 1])[1])
 
     def picture_depth(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
         """Distance along the camera's axis from the lens to a pixel, in principal distances: 1 without tilt.
@@ -138,29 +123,91 @@ class CameraModel:
     def _is_tilted(self) -> bool:
         return bool(self.distortion[12:].any())
 
-    def _bent(self, x: _Values, y: _Values) -> tuple[_Values, _Values]:
-        """x and y distorted, without the tilt."""
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion.tolist()
-        r2 = x * x + y * y
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    @cached_property
+    def _has_prism(self) -> bool:
+        return bool(self.distortion[8:12].any())
+
+    @cached_property
+    def _radial_series(self) -> tuple[tuple[float, ...], ...]:
+        """The radial factor's numerator and denominator as series of r^2, and their derivatives by it."""
+        k1, k2, _, _, k3, k4, k5, k6 = self.distortion[:8].tolist()
         return (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4),
+            _trimmed(1.0, k1, k2, k3),
+            _trimmed(1.0, k4, k5, k6),
+            _trimmed(k1, 2 * k2, 3 * k3),
+            _trimmed(k4, 2 * k5, 3 * k6),
         )
 
-    def _bent_slopes(self, x: _Values, y: _Values) -> tuple[tuple[_Values, _Values], tuple[_Values, _Values]]:
-        """Derivatives of `_bent`: of x by x and y, of y by x and y."""
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self.distortion.tolist()
+    def _unprojected(self, pixels: Float[np.ndarray, "*batch 2"]) -> tuple[Float[np.ndarray, "*batch 3"], _Slopes]:
+        distorted = (np.asarray(pixels, dtype=float) - self.principal_px) / self.focal_px
+        normalised, slopes = self._undistorted(distorted)
+        rays = np.empty((*normalised.shape[:-1], 3))
+        rays[..., :2] = normalised
+        rays[..., 2] = np.where(np.isnan(normalised[..., 0]), np.nan, 1.0)
+        return rays, slopes
+
+    def _undistorted(self, distorted: Float[np.ndarray, "*batch 2"]) -> tuple[Float[np.ndarray, "*batch 2"], _Slopes]:
+        """What `undistort` returns, and the derivatives of `distort` there."""
+        target = np.array(distorted, dtype=float)
+        if not self.distortion.any():
+            one, none = (np.broadcast_to(slope, target.shape[:-1]) for slope in (1.0, 0.0))
+            return target, ((one, none), (none, one))
+        start = _mapped(target, np.linalg.inv(self._tilt)) if self._is_tilted else target
+        (x, y), (target_x, target_y) = _coordinates(start), _coordinates(target)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for step in range(_NEWTON_STEPS + 1):
+                (at_x, at_y), slopes = self._distorted(x, y)
+                (xx, xy), (yx, yy) = slopes
+                off_x, off_y, turn = at_x - target_x, at_y - target_y, xx * yy - xy * yx
+                off = np.maximum(np.abs(off_x), np.abs(off_y))
+                if step == _NEWTON_STEPS or not np.any(off > _NEWTON_TOLERANCE):
+                    break
+                x, y = x - (yy * off_x - xy * off_y) / turn, y - (xx * off_y - yx * off_x) / turn
+            found = (off < _CONVERGED) & (turn > 0)
+        return np.where(found[..., None], np.stack([x, y], axis=-1), np.nan), slopes
+
+    def _distorted(self, x: _Values, y: _Values) -> tuple[tuple[_Values, _Values], _Slopes]:
+        """x and y distorted, and their derivatives: of x by x and y, of y by x and y."""
         r2 = x * x + y * y
-        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / below
-        by_r2 = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
-        prism_x, prism_y = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
+        radial = self._radial(r2)
+        (bent_x, bent_y), slopes = self._bent(x, y, r2, radial), self._bent_slopes(x, y, r2, radial)
+        if not self._is_tilted:
+            return (bent_x, bent_y), slopes
+        tilted = _mapped(np.stack([bent_x, bent_y], axis=-1), self._tilt)
+        flat = np.linalg.inv(self._tilt)  # 1 / the tilt's divisor is linear in the tilted coordinates
+        nearness = tilted @ flat[2, :2] + flat[2, 2]
+        by_bent = (self._tilt[:2, :2] - tilted[..., None] * self._tilt[2, :2]) * nearness[..., None, None]
+        (xx, xy), (yx, yy) = np.moveaxis(by_bent @ _matrices(slopes), (-2, -1), (0, 1))
+        return (tilted[..., 0], tilted[..., 1]), ((xx, xy), (yx, yy))
+
+    def _radial(self, r2: _Values) -> _Values:
+        """What the radial distortion stretches by."""
+        above, below, _, _ = self._radial_series
+        return np.asarray(_series(above, r2) / _series(below, r2))
+
+    def _bent(self, x: _Values, y: _Values, r2: _Values, radial: _Values) -> tuple[_Values, _Values]:
+        """x and y distorted, without the tilt."""
+        p1, p2 = self.distortion[2:4].tolist()
+        bent_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        if not self._has_prism:
+            return bent_x, bent_y
+        s1, s2, s3, s4 = self.distortion[8:12].tolist()
+        return bent_x + r2 * (s1 + r2 * s2), bent_y + r2 * (s3 + r2 * s4)
+
+    def _bent_slopes(self, x: _Values, y: _Values, r2: _Values, radial: _Values) -> _Slopes:
+        """Derivatives of `_bent`: of x by x and y, of y by x and y."""
+        p1, p2 = self.distortion[2:4].tolist()
+        _, below, above_slope, below_slope = self._radial_series
+        by_r2 = (_series(above_slope, r2) - radial * _series(below_slope, r2)) / _series(below, r2)
         mixed = 2 * (x * y * by_r2 + p1 * x + p2 * y)
-        return (
-            (radial + 2 * x * x * by_r2 + 2 * p1 * y + 6 * p2 * x + prism_x * x, mixed + prism_x * y),
-            (mixed + prism_y * x, radial + 2 * y * y * by_r2 + 6 * p1 * y + 2 * p2 * x + prism_y * y),
-        )
+        xx = radial + 2 * x * x * by_r2 + 2 * p1 * y + 6 * p2 * x
+        yy = radial + 2 * y * y * by_r2 + 6 * p1 * y + 2 * p2 * x
+        if not self._has_prism:
+            return (xx, mixed), (mixed, yy)
+        s1, s2, s3, s4 = self.distortion[8:12].tolist()
+        prism_x, prism_y = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
+        return (xx + prism_x * x, mixed + prism_x * y), (mixed + prism_y * x, yy + prism_y * y)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,3 +261,28 @@ def _mapped(
     """Points of the plane z = 1 after a homography."""
     moved = points @ homography[:, :2].T + homography[:, 2]
     return np.asarray(moved[..., :2] / moved[..., 2:])
+
+
+def _coordinates(points: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "2 *batch"]:
+    """x and y, each in one piece of memory."""
+    return np.ascontiguousarray(np.moveaxis(points, -1, 0))
+
+
+def _matrices(slopes: _Slopes) -> Float[np.ndarray, "*batch 2 2"]:
+    (xx, xy), (yx, yy) = slopes
+    matrices = np.empty((*np.shape(xx), 2, 2))
+    matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = xx, xy, yx, yy
+    return matrices
+
+
+def _trimmed(*coefficients: float) -> tuple[float, ...]:
+    """The coefficients up to the last one that is not zero; the first one in any case."""
+    return coefficients[: max((n for n, value in enumerate(coefficients, 1) if value), default=1)]
+
+
+def _series(coefficients: tuple[float, ...], r2: _Values) -> _Values | float:
+    """c_0 + c_1 r2 + c_2 r2^2 + ..., by Horner's rule."""
+    value: _Values | float = coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        value = coefficient + r2 * value
+    return value

@@ -33,11 +33,12 @@ from weldcell.tracking.stripe_search import (
 from weldcell.tracking.stripe_windows import (
     LEAST_LIGHT,
     WINDOW_SIGMAS,
+    FlatWeighted,
     Weighted,
     Windows,
     cut_windows,
-    second_moment,
-    weighted_light,
+    flat_light,
+    gaussian_light,
 )
 
 _STRIPE_SIGMA_PX = (0.6, 5.5)  # narrower is a hot pixel, wider a patch of ambient light
@@ -69,45 +70,44 @@ def measure(
     image: Shaped[np.ndarray, "height width"], rough: RoughStripe, *, speckle_contrast: float | None = None
 ) -> Centres:
     """The centres near the rough ones, without those that are not clear of the noise or not part of a piece."""
-    windows = cut_windows(image, rough)
+    columns, windows = rough.columns, cut_windows(image, rough)
     start = rough.centre_px - windows.row
-    gaussian = weighted_light(windows, start, rough.variance_px2 + _START_PX2)
+    gaussian = gaussian_light(windows, start, rough.variance_px2 + _START_PX2)
     centre, variance = adapted(start, gaussian.weight_variance, gaussian.total, gaussian.shift, gaussian.second)
     variance = _pooled(variance)
+    width, row = np.sqrt(variance), windows.row + centre
     snr = _signal_to_noise(windows, gaussian)
-    whole = _is_stripe(windows, centre, variance, image.shape[0])
-    good = (snr > _SIGNAL_SNR) & whole
-    good[good] = _in_long_piece(rough.columns[good], (windows.row + centre)[good], variance[good], REACH_PX)
-    faint = np.flatnonzero((snr < _DIM_SNR) & ~good)
-    path = good
+    whole = _is_stripe(windows, slice(None), centre, width)
+    good = _in_long_pieces((snr > _SIGNAL_SNR) & whole, columns, row, width, REACH_PX)
+    path, faint = good, np.flatnonzero((snr < _DIM_SNR) & ~good)
     if len(faint) > _FEW_SHARE * len(good):
-        path = good | _is_steady(windows.row + centre, np.where(whole, snr, 0))
-    faint = _put_on_path(rough.columns, windows, centre, variance, path, faint, image.shape[0])
-    spread = _spread(windows, gaussian, variance)
-    excess = excess_noise(rough.columns, windows.row + centre, spread, good, speckle_contrast)
-    k = _flatness(windows, gaussian, variance, excess)
-    weighted = weighted_light(windows, centre, variance, k)
-    step = _newton_step(windows, weighted, variance)
-    good[faint] = _is_seen(windows, weighted, step, rough.columns, faint, path)
-    centre = centre + step
-    good[good] = _in_long_piece(rough.columns[good], (windows.row + centre)[good], variance[good], _PIECE_GAP_PX)
+        path = good | _is_steady(row, np.where(whole, snr, 0))
+    known = np.flatnonzero(path)
+    faint = _put_on_path(columns, windows, centre, variance, known, faint)
+    width, row = np.sqrt(variance), windows.row + centre
+    excess = excess_noise(columns, row, _spread(windows, gaussian, variance), good, speckle_contrast)
+    weighted = flat_light(windows, centre, variance, _flatness(windows, gaussian, variance, excess))
+    step = _newton_step(weighted, variance)
+    good[faint] = _is_seen(windows, weighted, step, columns, known, faint)
+    centre += step
+    row = windows.row + centre
+    good = _in_long_pieces(good, columns, row, width, _PIECE_GAP_PX)
     spread = _spread(windows, weighted, variance)
-    excess = excess_noise(rough.columns, windows.row + centre, spread, good, speckle_contrast)
+    excess = excess_noise(columns, row, spread, good, speckle_contrast)
     noise_variance = spread.noise_variance + _background_variance(windows, weighted, variance)
     sigma_px = np.sqrt(noise_variance + np.float32(excess) * spread.own_variance)
-    good &= sigma_px < np.sqrt(variance)  # a centre less sure than the stripe is wide tells nothing
+    kept = np.flatnonzero(good & (sigma_px < width))  # a centre less sure than the stripe is wide tells nothing
     return Centres(
-        columns=rough.columns[good],
-        v_px=windows.row[good].astype(float) + centre[good],
-        sigma_px=sigma_px[good].astype(float),
-        amplitude_grey=_amplitude_grey(weighted, k)[good].astype(float),
+        columns=columns[kept],
+        v_px=windows.row[kept].astype(float) + centre[kept],
+        sigma_px=sigma_px[kept].astype(float),
+        amplitude_grey=_amplitude_grey(weighted)[kept].astype(float),
     )
 
 
-def _newton_step(windows: Windows, weighted: Weighted, variance: Float32[np.ndarray, "n"]) -> Float32[np.ndarray, "n"]:
+def _newton_step(weighted: FlatWeighted, variance: Float32[np.ndarray, "n"]) -> Float32[np.ndarray, "n"]:
     """How far the score's root is: its derivative is -sum (w + x w') I, with x w' = -w (1 - w) x^2 / W."""
-    flat = second_moment(windows, weighted.weight * weighted.light, weighted.centre)
-    slope = weighted.total - (weighted.second - flat) / weighted.weight_variance
+    slope = weighted.total - (weighted.second - weighted.second_wwi) / weighted.weight_variance
     return np.clip(weighted.shift / np.maximum(slope, 0.4 * weighted.second / variance), -1, 1)
 
 
@@ -115,13 +115,13 @@ def _spread(windows: Windows, weighted: Weighted, variance: Float32[np.ndarray, 
     """The score's noise over the score's derivative, which for a Gaussian stripe is sum w x^2 I / s^2."""
     slope = weighted.second / variance
     noise_share = windows.noise_grey / slope
-    noise = second_moment(windows, weighted.weight * weighted.weight, weighted.centre) * noise_share * noise_share
-    own = second_moment(windows, weighted.light * weighted.light, weighted.centre) / (slope * slope)
+    noise = weighted.second_ww * noise_share * noise_share
+    own = weighted.second_wwii / (slope * slope)
     return Spread(noise_variance=noise, own_variance=np.maximum(own - noise, 0))
 
 
 def _background_variance(
-    windows: Windows, weighted: Weighted, variance: Float32[np.ndarray, "n"]
+    windows: Windows, weighted: FlatWeighted, variance: Float32[np.ndarray, "n"]
 ) -> Float32[np.ndarray, "n"]:
     """Variance of the centre by what is not known of the background's slope.
 
@@ -129,8 +129,8 @@ def _background_variance(
     """
     noise_grey = windows.noise_grey * STEP_NOISE + QUANTISATION_GREY
     doubt = np.maximum(np.abs(windows.background_step) - 3 * noise_grey, 0) / 2
-    pull = second_moment(windows, weighted.weight, weighted.centre) * variance / weighted.second
-    return (noise_grey * noise_grey + doubt * doubt) * np.square(pull / windows.background_apart_px)
+    pull = weighted.second_w * variance / (weighted.second * windows.background_apart_px)
+    return (noise_grey * noise_grey + doubt * doubt) * (pull * pull)
 
 
 def _pooled(variance: Float32[np.ndarray, "n"]) -> Float32[np.ndarray, "n"]:
@@ -140,23 +140,24 @@ def _pooled(variance: Float32[np.ndarray, "n"]) -> Float32[np.ndarray, "n"]:
 
 def _signal_to_noise(windows: Windows, weighted: Weighted) -> Float32[np.ndarray, "n"]:
     """The light under the weights over the noise that they let in."""
-    norm = np.sqrt(np.einsum("ij,ij->j", weighted.weight, weighted.weight))
-    return np.asarray(weighted.total / (windows.noise_grey * norm))
+    return np.asarray(weighted.total / (windows.noise_grey * np.sqrt(weighted.ww)))
 
 
 def _is_stripe(
-    windows: Windows, centre: Float32[np.ndarray, "n"], variance: Float32[np.ndarray, "n"], height_px: int
+    windows: Windows,
+    which: Int[np.ndarray, "n"] | slice,
+    centre: Float32[np.ndarray, "n"],
+    width: Float32[np.ndarray, "n"],
 ) -> Bool[np.ndarray, "n"]:
-    """Columns whose light would be a stripe: whole within picture and window, neither point nor patch."""
-    width = np.sqrt(variance)
-    reach, row = WINDOW_SIGMAS * width, windows.row + centre
+    """Which columns' light would be a stripe: whole within picture and window, neither point nor patch."""
+    reach, row, away = WINDOW_SIGMAS * width, windows.row[which] + centre, np.abs(centre)
     return (
         (width > _STRIPE_SIGMA_PX[0])
         & (width < _STRIPE_SIGMA_PX[1])
         & (row > reach)
-        & (row < height_px - 1 - reach)
-        & (np.abs(centre) < _FARTHEST_PX)
-        & (np.abs(centre) + reach < windows.powers[1, -1] + 1)
+        & (row + reach < windows.height_px - 1)
+        & (away < _FARTHEST_PX)
+        & (away + reach < windows.powers[1, -1] + 1)
     )
 
 
@@ -173,19 +174,17 @@ def _put_on_path(
     windows: Windows,
     centre: Float32[np.ndarray, "n"],
     variance: Float32[np.ndarray, "n"],
-    good: Bool[np.ndarray, "n"],
+    known: Int[np.ndarray, "k"],
     faint: Int[np.ndarray, "m"],
-    height_px: int,
-) -> Int[np.ndarray, "k"]:
-    """Those columns of `faint` that have good ones beside them, `centre` and `variance` set to what these say."""
-    known = np.flatnonzero(good)
+) -> Int[np.ndarray, "l"]:
+    """Those columns of `faint` that have known ones beside them, `centre` and `variance` set to what these say."""
     if len(faint) == 0 or len(known) == 0:
         return faint[:0]
-    rows = _smoothed((windows.row + centre)[known])
-    path = path_at(columns[faint], columns[known], rows, REACH_PX)
-    centre[faint] = path.at - windows.row[faint]
-    variance[faint] = np.interp(columns[faint], columns[known], variance[known])
-    return faint[path.near & _is_stripe(windows, centre, variance, height_px)[faint]]
+    at, known_at = columns[faint], columns[known]
+    path = path_at(at, known_at, _smoothed(windows.row[known] + centre[known]), REACH_PX)
+    centre[faint] = path_centre = path.at - windows.row[faint]
+    variance[faint] = path_variance = np.interp(at, known_at, variance[known]).astype(np.float32)
+    return faint[path.near & _is_stripe(windows, faint, path_centre, np.sqrt(path_variance))]
 
 
 def _smoothed(row: Float32[np.ndarray, "n"]) -> Float32[np.ndarray, "n"]:
@@ -200,41 +199,48 @@ def _is_seen(
     weighted: Weighted,
     step: Float32[np.ndarray, "n"],
     columns: Int[np.ndarray, "n"],
+    known: Int[np.ndarray, "k"],
     faint: Int[np.ndarray, "m"],
-    good: Bool[np.ndarray, "n"],
 ) -> Bool[np.ndarray, "m"]:
     """Which of the faint columns show the stripe where it should be, above the noise that the weight lets in.
 
     Beside a stripe far above the noise, what is faint is something else.
     """
+    if len(faint) == 0:
+        return np.zeros(0, bool)
     snr = _signal_to_noise(windows, weighted)
-    beside = np.interp(columns[faint], columns[good], snr[good]) if len(faint) else np.zeros(0)
+    beside = np.interp(columns[faint], columns[known], snr[known])
     enough = snr[faint] > np.maximum(_FAINT_SNR, _FAINT_SHARE * beside)
     return np.asarray(enough & (np.abs(step[faint]) < _FARTHEST_FAINT_PX))
 
 
-def _in_long_piece(
-    columns: Int[np.ndarray, "n"], v_px: Float[np.ndarray, "n"], width_px2: Float32[np.ndarray, "n"], most_gap_px: int
+def _in_long_pieces(
+    good: Bool[np.ndarray, "n"],
+    columns: Int[np.ndarray, "n"],
+    row: Float32[np.ndarray, "n"],
+    width: Float32[np.ndarray, "n"],
+    most_gap_px: int,
 ) -> Bool[np.ndarray, "n"]:
-    """Which points belong to a connected piece; crumbs of a few columns are noise or spatter."""
-    if len(columns) == 0:
-        return np.zeros(0, bool)
-    jump = np.abs(np.diff(v_px)) > 4 + 4 * np.sqrt(width_px2[1:])
-    return in_long_pieces(jump | (np.diff(columns) > most_gap_px), _SHORTEST_PIECE)
+    """Which of the good columns belong to a connected piece; crumbs of a few columns are noise or spatter."""
+    kept = np.flatnonzero(good)
+    if len(kept) == 0:
+        return good
+    columns, row, width = columns[kept], row[kept], width[kept]
+    jump = np.abs(row[1:] - row[:-1]) > 4 + 4 * width[1:]
+    long = np.zeros(len(good), bool)
+    long[kept] = in_long_pieces(jump | (columns[1:] - columns[:-1] > most_gap_px), _SHORTEST_PIECE)
+    return long
 
 
 def _flatness(
     windows: Windows, gaussian: Weighted, variance: Float32[np.ndarray, "n"], excess: float
 ) -> Float32[np.ndarray, "n"]:
-    """k of the weight, from the stripe's peak: the light under a Gaussian weight is A sqrt(2 pi / (1/V + 1/W))."""
-    narrowing = (1 / variance + 1 / gaussian.weight_variance) / np.float32(2 * np.pi)
-    peak_grey = np.maximum(gaussian.total, LEAST_LIGHT) * np.sqrt(narrowing)
-    ratio = windows.noise_grey / peak_grey
-    return np.clip(ratio * ratio / np.float32(max(excess, 1e-9)), _LEAST_K, _MOST_K)
+    """k of the weight, from the stripe's peak: light of A sqrt(2 pi q) under a Gaussian weight, 1/q = 1/V + 1/W."""
+    q = variance * gaussian.weight_variance / (variance + gaussian.weight_variance)
+    ratio = windows.noise_grey / np.maximum(gaussian.total, LEAST_LIGHT)
+    return np.clip(ratio * ratio * q * np.float32(2 * np.pi / max(excess, 1e-9)), _LEAST_K, _MOST_K)
 
 
-def _amplitude_grey(weighted: Weighted, k: Float32[np.ndarray, "n"]) -> Float32[np.ndarray, "n"]:
-    """A of a stripe A g from its light under the weight w = g / (k + g), which is A sum g w = A k sum w^2 / (1 - w)."""
-    own = weighted.weight * weighted.weight
-    own /= 1 - weighted.weight
-    return np.asarray(weighted.total / (k * np.add.reduce(own)))
+def _amplitude_grey(weighted: FlatWeighted) -> Float32[np.ndarray, "n"]:
+    """A of a stripe A g from its light under the weight: the sum of A g w."""
+    return np.asarray(weighted.total / weighted.wg)

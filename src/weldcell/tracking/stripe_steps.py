@@ -15,7 +15,8 @@ _HALF_ROWS = np.arange(-4, 5)[:, None]
 def parted_at_steps(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -> RoughStripe:
     """The rough stripe, but columns beside a step that are brighter where the other side leads are put there."""
     columns, centre = rough.columns, rough.centre_px
-    broken = (np.abs(np.diff(centre)) > _STEP_PX) & (np.diff(columns) < _FARTHEST_COLUMNS)
+    jump_px, gap = centre[1:] - centre[:-1], columns[1:] - columns[:-1]
+    broken = (np.abs(jump_px) > _STEP_PX) & (gap < _FARTHEST_COLUMNS)
     before = np.flatnonzero(broken)
     if len(before) == 0:
         return rough
@@ -24,7 +25,8 @@ def parted_at_steps(image: Shaped[np.ndarray, "height width"], rough: RoughStrip
     other = np.repeat(np.concatenate([before + 1, before]), CELL_COLUMNS)
     inside = (own >= 0) & (own < len(columns))
     own, other = own[inside], other[inside]
-    better = _light(image, rough, columns[own], other) > _light(image, rough, columns[own], own)
+    at_other, at_own = _light(image, rough, columns[np.tile(own, 2)], np.concatenate([other, own])).reshape(2, -1)
+    better = at_other > at_own
     source = np.arange(len(columns))
     source[own[better]] = other[better]
     moved = {name: values[source] for name, values in vars(rough).items() if np.ndim(values) and name != "columns"}

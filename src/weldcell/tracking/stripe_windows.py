@@ -22,6 +22,8 @@ _LEAST_EXPONENT = -30.0  # numbers that are not normal are slow
 class Windows:
     """Rows about the stripe, one column a column of the picture, background taken off."""
 
+    height_px: int
+    """Of the picture."""
     row: Float32[np.ndarray, "n"]
     """The windows' middle row, a whole number."""
     powers: Float32[np.ndarray, "3 rows"]
@@ -37,21 +39,34 @@ class Windows:
 
 @dataclass(frozen=True, kw_only=True)
 class Weighted:
-    """The light under weights about an estimate of the centre."""
+    """Sums of the light I under weights w about an estimate of the centre; x is counted from that estimate."""
 
-    centre: Float32[np.ndarray, "n"]
-    """That estimate, from the window's middle row."""
     weight_variance: Float32[np.ndarray, "n"]
-    """Of the weight's Gaussian."""
-    weight: Float32[np.ndarray, "rows n"]
-    light: Float32[np.ndarray, "rows n"]
-    """Weight times signal."""
+    """Of the weight's Gaussian g."""
     total: Float32[np.ndarray, "n"]
-    """Sum of the light."""
+    """Sum of w I."""
     shift: Float32[np.ndarray, "n"]
-    """Sum of x times light, x counted from the estimate."""
+    """Sum of x w I."""
     second: Float32[np.ndarray, "n"]
-    """Sum of x^2 times light; positive."""
+    """Sum of x^2 w I; positive."""
+    ww: Float32[np.ndarray, "n"]
+    """Sum of w^2."""
+    second_ww: Float32[np.ndarray, "n"]
+    """Sum of x^2 w^2."""
+    second_wwii: Float32[np.ndarray, "n"]
+    """Sum of x^2 w^2 I^2."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatWeighted(Weighted):
+    """The same under weights that need not be Gaussian, and what these need besides."""
+
+    wg: Float32[np.ndarray, "n"]
+    """Sum of w g."""
+    second_w: Float32[np.ndarray, "n"]
+    """Sum of x^2 w."""
+    second_wwi: Float32[np.ndarray, "n"]
+    """Sum of x^2 w^2 I."""
 
 
 def cut_windows(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -> Windows:
@@ -61,7 +76,7 @@ def cut_windows(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -
     half = int(np.ceil(WINDOW_SIGMAS * widest)) + _START_SLACK_PX
     row = np.rint(rough.centre_px)
     rows, offset = row.astype(np.int64), np.arange(-half, half + 1)[:, None]
-    powers = offset.astype(np.float32) ** np.arange(3, dtype=np.float32)
+    powers = (offset ** np.arange(3)).astype(np.float32)
     noise_grey = noise_near(image, rows, rough.columns)
     background = np.empty((2, len(row)), np.float32)
     background[0] = rough.background_grey + LEVEL_BIAS * noise_grey + rough.background_slope * (row - rough.centre_px)
@@ -69,6 +84,7 @@ def cut_windows(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -
     signal = picked(image, rows, offset, rough.columns)
     signal -= powers[:, :2] @ background
     return Windows(
+        height_px=image.shape[0],
         row=row,
         powers=np.ascontiguousarray(powers.T),
         signal=signal,
@@ -78,38 +94,77 @@ def cut_windows(image: Shaped[np.ndarray, "height width"], rough: RoughStripe) -
     )
 
 
-def weighted_light(
-    windows: Windows,
-    centre: Float32[np.ndarray, "n"],
-    variance: Float32[np.ndarray, "n"],
-    k: Float32[np.ndarray, "n"] | None = None,
-) -> Weighted:
-    """The light under g / (k + g) about these centres; without `k` under the Gaussian g itself."""
-    weight_variance = np.maximum(variance, _NARROWEST_WEIGHT_PX2)
-    inverse = -0.5 / weight_variance
-    terms = np.empty((3, len(centre)), np.float32)
-    terms[0], terms[1], terms[2] = centre * centre * inverse, -2 * centre * inverse, inverse
-    weight = windows.powers.T @ terms  # -x^2 / 2W, as a product of matrices faster than element by element
-    cv2.exp(cv2.max(weight, _LEAST_EXPONENT, dst=weight), dst=weight)
-    if k is not None:
-        weight /= k + weight
-    light = weight * windows.signal
-    total, first, second = windows.powers @ light
-    shift = first - centre * total
+def gaussian_light(windows: Windows, centre: Float32[np.ndarray, "n"], variance: Float32[np.ndarray, "n"]) -> Weighted:
+    """The light under Gaussians g about these centres."""
+    weight_variance, squares, weight = _gaussian(windows, centre, variance)
+    light = np.multiply(weight, windows.signal, out=weight)
+    total, shift, second = _moments(windows, centre, light)
+    squares *= light
+    squares *= light
+    ww = np.sqrt(np.float32(np.pi) * weight_variance)  # over whole pixels the sum equals the integral
     return Weighted(
-        centre=centre,
         weight_variance=weight_variance,
-        weight=weight,
-        light=light,
         total=total,
         shift=shift,
-        second=np.maximum(second - centre * (first + shift), LEAST_LIGHT),
+        second=second,
+        ww=ww,
+        second_ww=ww * weight_variance / 2,
+        second_wwii=np.add.reduce(squares),
     )
 
 
-def second_moment(
-    windows: Windows, values: Float32[np.ndarray, "rows n"], centre: Float32[np.ndarray, "n"]
-) -> Float32[np.ndarray, "n"]:
-    """Sum of x^2 times the values, with x counted from the centre."""
-    zeroth, first, second = windows.powers @ values
-    return second - centre * (2 * first - centre * zeroth)
+def flat_light(
+    windows: Windows,
+    centre: Float32[np.ndarray, "n"],
+    variance: Float32[np.ndarray, "n"],
+    k: Float32[np.ndarray, "n"],
+) -> FlatWeighted:
+    """The light under g / (k + g) about these centres."""
+    weight_variance, squares, gaussian = _gaussian(windows, centre, variance)
+    weight = k + gaussian
+    np.divide(gaussian, weight, out=weight)
+    wg, ww = _sum(weight, gaussian), _sum(weight, weight)
+    light = np.multiply(weight, windows.signal, out=gaussian)
+    total, shift, second = _moments(windows, centre, light)
+    squares *= weight
+    second_w, second_ww = np.add.reduce(squares), _sum(squares, weight)
+    squares *= light
+    return FlatWeighted(
+        weight_variance=weight_variance,
+        total=total,
+        shift=shift,
+        second=second,
+        ww=ww,
+        second_ww=second_ww,
+        second_wwii=_sum(squares, windows.signal),
+        wg=wg,
+        second_w=second_w,
+        second_wwi=np.add.reduce(squares),
+    )
+
+
+def _gaussian(
+    windows: Windows, centre: Float32[np.ndarray, "n"], variance: Float32[np.ndarray, "n"]
+) -> tuple[Float32[np.ndarray, "n"], Float32[np.ndarray, "rows n"], Float32[np.ndarray, "rows n"]]:
+    """The Gaussian's variance, x^2 and the Gaussian."""
+    weight_variance = np.maximum(variance, _NARROWEST_WEIGHT_PX2)
+    terms = np.empty((3, len(centre)), np.float32)
+    terms[0], terms[1], terms[2] = centre * centre, -2 * centre, 1
+    squares = windows.powers.T @ terms  # as a product of matrices faster than element by element
+    gaussian = squares * (-0.5 / weight_variance)
+    cv2.exp(cv2.max(gaussian, _LEAST_EXPONENT, dst=gaussian), dst=gaussian)
+    return weight_variance, squares, gaussian
+
+
+def _moments(
+    windows: Windows, centre: Float32[np.ndarray, "n"], light: Float32[np.ndarray, "rows n"]
+) -> tuple[Float32[np.ndarray, "n"], Float32[np.ndarray, "n"], Float32[np.ndarray, "n"]]:
+    """Sums of light, x times light, x^2 times light."""
+    total, first, second = windows.powers @ light
+    shift = first - centre * total
+    return total, shift, np.maximum(second - centre * (first + shift), LEAST_LIGHT)
+
+
+def _sum(first: Float32[np.ndarray, "rows n"], second: Float32[np.ndarray, "rows n"]) -> Float32[np.ndarray, "n"]:
+    """Sums of the product over the rows."""
+    return np.asarray(np.einsum("ij,ij->j", first, second))

@@ -16,20 +16,18 @@ def triangulate(
     `sigma_m` is the share along the light (z of the laser frame) of the step that `sigma_px` across the stripe makes.
     The stripe was cut by columns if depth moves it along them, by rows if depth moves it along those.
     """
-    rays = camera.unproject(np.column_stack([stripe.u_px, stripe.v_px]))
+    rays, slopes = camera.unproject_with_slopes(np.column_stack([stripe.u_px, stripe.v_px]))
     points_camera = plane.intersect(rays)
-    axis = _depth_axis(plane)
-    pixels_per_step = camera.focal_px[axis] * camera.distortion_jacobian(rays[:, :2])[:, axis, axis]
-    light = plane.T_camera_laser.as_matrix()[:3, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sigma_m = stripe.sigma_px * np.abs((_step_of_ray(points_camera, plane) @ light) / pixels_per_step)
+    depth_m, axis = points_camera[:, 2], _depth_axis(plane)
+    step_m = depth_m * _step_along(plane.T_camera_laser.as_matrix()[:3, 2], points_camera, plane)
     near, far = depth_range_m
-    with np.errstate(invalid="ignore"):
-        in_range = (points_camera[:, 2] >= near) & (points_camera[:, 2] <= far)
-    valid = in_range & np.isfinite(sigma_m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma_m = stripe.sigma_px * np.abs(step_m / (camera.focal_px[axis] * slopes[:, axis, axis]))
+        valid = (depth_m >= near) & (depth_m <= far) & np.isfinite(sigma_m)
+    points_camera[~valid], sigma_m[~valid] = np.nan, np.nan
     return Profile(
-        points_camera=np.where(valid[:, None], points_camera, np.nan),
-        sigma_m=np.where(valid, sigma_m, np.nan),
+        points_camera=points_camera,
+        sigma_m=sigma_m,
         valid=valid,
         reason=_reason(valid, depth_range_m),
         amplitude_grey=stripe.amplitude_grey,
@@ -50,18 +48,23 @@ def noise_slopes(points_camera: Float[np.ndarray, "n 3"], plane: LaserPlane) -> 
 
     Lens distortion turns this direction by less than a degree and is left out.
     """
-    step_laser = _step_of_ray(points_camera, plane) @ plane.T_camera_laser.as_matrix()[:3, :3]
-    return step_laser[:, 0] / step_laser[:, 2]
+    rotation = plane.T_camera_laser.as_matrix()[:3, :3]
+    x, z = (_step_along(rotation[:, n], points_camera, plane) for n in (0, 2))
+    return x / z
 
 
-def _step_of_ray(points_camera: Float[np.ndarray, "n 3"], plane: LaserPlane) -> Float[np.ndarray, "n 3"]:
-    """How a point moves in the light plane with the y of its ray (x, y, 1); with its x where depth moves along that.
+def _step_along(
+    direction_camera: Float[np.ndarray, "3"], points_camera: Float[np.ndarray, "n 3"], plane: LaserPlane
+) -> Float[np.ndarray, "n"]:
+    """The share along a direction of a point's step in the light plane, as the y of its ray (x, y, 1) moves on.
 
-    From p = s r with s = d / (n.r) follows dp/dy = s (e_y - p n_y / d); s is the point's depth.
+    From p = s r with s = d / (n.r) follows dp/dy = s (e_y - p n_y / d); s is the point's depth, and the step is counted
+    in units of it. Where depth moves the stripe along x, that stands for y.
     """
     axis = _depth_axis(plane)
-    turned = np.eye(3)[axis] - points_camera * (plane.normal_camera[axis] / plane.offset_m)
-    return points_camera[:, 2:] * turned
+    return np.asarray(
+        direction_camera[axis] - points_camera @ (direction_camera * (plane.normal_camera[axis] / plane.offset_m))
+    )
 
 
 def _depth_axis(plane: LaserPlane) -> int:
