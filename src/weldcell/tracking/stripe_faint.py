@@ -41,7 +41,7 @@ def path_at(
     after = np.searchsorted(known, columns)
     left, right = np.maximum(after - 1, 0), np.minimum(after, len(known) - 1)
     gap = np.maximum(known[right] - known[left], 1)
-    share = np.clip((columns - known[left]) / gap, 0, 1)
+    share = (columns - known[left]) / gap
     rise = places[right] - places[left]
     joined = (np.abs(rise) <= steepest * gap + slack) & (gap <= 2 * reach)
     share = np.where(joined, share, np.rint(share))
@@ -68,7 +68,7 @@ def beside(
     each = np.arange(response.shape[1])
     path = path_at(each, columns, rows.astype(np.float32), reach_cells, STEEPEST_CELLS, _SLACK_CELLS)
     best = _brightest_in_band(response, each, path.at)
-    before, after = (path.at[np.clip(each + way * _JUMP_CELLS, 0, len(each) - 1)] for way in (-1, 1))
+    before, after = path.at[np.maximum(each - _JUMP_CELLS, 0)], path.at[np.minimum(each + _JUMP_CELLS, each[-1])]
     jump = np.flatnonzero(np.abs(after - before) > 2 * _JUMP_CELLS * STEEPEST_CELLS + _SLACK_CELLS)
     for side in (before, after):
         other = _brightest_in_band(response, jump, side[jump])
@@ -81,6 +81,6 @@ def _brightest_in_band(
     response: Shaped[np.ndarray, "rows k"], columns: Int[np.ndarray, "m"], at: Float32[np.ndarray, "m"]
 ) -> Int[np.ndarray, "m"]:
     step = np.arange(-_BAND_CELLS, _BAND_CELLS + 1)[:, None]
-    band = np.clip(np.rint(at).astype(np.int64) + step, 0, len(response) - 1)
+    band = np.minimum(np.maximum(np.rint(at).astype(np.int64) + step, 0), len(response) - 1)
     best = response.ravel().take(band * response.shape[1] + columns).argmax(axis=0)
     return band[best, np.arange(len(columns))]

@@ -10,10 +10,11 @@ parallelization of inference in hidden Markov models, 2021).
 """
 
 from dataclasses import dataclass
+from statistics import median
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped, UInt
 
 from weldcell.tracking.stripe_faint import STEEPEST_CELLS
 from weldcell.tracking.stripe_pieces import in_long_pieces
@@ -53,9 +54,10 @@ def over_slopes(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows
     for rows in _SIDE_ROWS:
         above, below = padded[reach - rows :][:count], padded[reach + rows :][:count]
         cv2.max(expected, cv2.addWeighted(above, 0.5, below, 0.5, 0.0), dst=expected)
-        share = rows / (_FAR_ROWS[1] - _FAR_ROWS[0])
         for side, fall in zip((above, below), falls, strict=True):
-            cv2.max(expected, cv2.addWeighted(side, 1.0, fall, -share, 0.0), dst=expected)
+            for _ in range(rows // (_FAR_ROWS[1] - _FAR_ROWS[0])):
+                side = cv2.subtract(side, fall)
+            cv2.max(expected, side, dst=expected)
     return cv2.subtract(cores, expected)
 
 
@@ -74,31 +76,32 @@ class NoiseModel:
 def noise_model(cells: Shaped[np.ndarray, "rows columns"], least_sigma: float) -> NoiseModel:
     """How a picture's noise grows with its brightness; mixed second differences do not see slopes of the light."""
     steps = [max(1, size // _SAMPLES) for size in cells.shape]
-    corners = [
-        cells[a : cells.shape[0] - 1 + a : steps[0], b : cells.shape[1] - 1 + b : steps[1]]
+    here, beside, below, across = (
+        cells[a : cells.shape[0] - 1 + a : steps[0], b : cells.shape[1] - 1 + b : steps[1]].astype(np.float32).ravel()
         for a in (0, 1)
         for b in (0, 1)
-    ]
-    here, beside, below, across = (corner.astype(np.float32).ravel() for corner in corners)
-    mixed, level = np.abs(here - beside - below + across) / 2, (here + across) / 2
-    order = np.argsort(level)[: np.count_nonzero(level < _SATURATED_SHARE * level.max(initial=0))]
+    )
+    level = (here + across) / 2
+    order = np.argsort(level)
+    order = order[: np.searchsorted(level[order], _SATURATED_SHARE * level[order[-1]])] if len(order) else order
     size = len(order) // _LEVELS
     if size == 0:
         return NoiseModel(read_grey2=least_sigma**2, shot_grey=0.0)
     order = order[: size * _LEVELS].reshape(_LEVELS, size)
-    levels, variances = level[order].mean(axis=1), np.square(_trimmed_rms(mixed[order]))
-    shot = float(np.median((variances[1:] - variances[0]) / np.maximum(levels[1:] - levels[0], 1.0)))
-    shot = max(shot, 0.0)
-    return NoiseModel(read_grey2=max(float(np.median(variances - shot * levels)), least_sigma**2), shot_grey=shot)
+    levels, variances = level[order].mean(axis=1), _trimmed_mean(np.square((here - beside - below + across)[order])) / 4
+    slopes = (variances[1:] - variances[0]) / np.maximum(levels[1:] - levels[0], 1.0)
+    shot = max(median(slopes.tolist()), 0.0)
+    read = median((variances - shot * levels).tolist())
+    return NoiseModel(read_grey2=max(read, least_sigma**2), shot_grey=shot)
 
 
-def _trimmed_rms(values: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k"]:
-    """Root mean square of each row, without what lies 2.8 times farther out, but for 1.5: rounding."""
-    rms = np.full(len(values), np.inf)
-    for _ in range(3):
-        kept = values <= np.maximum(2.8 * rms, 1.5)[:, None]
-        rms = np.sqrt(np.sum(np.square(values), axis=1, where=kept) / np.maximum(kept.sum(axis=1), 1))
-    return rms
+def _trimmed_mean(squares: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k"]:
+    """Mean of each row, without what is 2.8 times as far out as its root, but for 3: rounding."""
+    mean = squares.mean(axis=1)
+    for _ in range(2):
+        kept = squares <= np.maximum(2.8**2 * mean, 3.0**2)[:, None]
+        mean = (squares * kept).sum(axis=1) / np.maximum(kept.sum(axis=1), 1)
+    return mean
 
 
 def stripe_path(
@@ -112,7 +115,7 @@ def stripe_path(
     level = cv2.transpose(cores)[::_STRIDE]
     sigma = np.sqrt(2 * _TOGETHER + 1) * noise.sigma(np.arange(int(cores.max()) + 1.0))
     least = _ROUNDING * (2 * _TOGETHER + 1) + _LEAST_SNR * sigma
-    light = np.maximum(light - np.rint(least).astype(light.dtype).take(level), 0)
+    light -= np.minimum(light, np.rint(least).astype(light.dtype).take(level))
     each = np.arange(len(light))
     rows = _brightest(light)
     found = light[each[:, None], rows]
@@ -134,16 +137,17 @@ def _in_runs(steps: Int[np.ndarray, "n"], rows: Int[np.ndarray, "n"]) -> Bool[np
     return in_long_pieces(broken, _FEWEST_STEPS)
 
 
-def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int[np.ndarray, "n rows"]:
+def _summed(response: Shaped[np.ndarray, "rows k"]) -> UInt[np.ndarray, "n rows"]:
     """The largest of the sums over five columns, level, rising or falling, about every fourth one."""
     height, width = response.shape
     apart = _TOGETHER * max(_SHEARS)
-    kind = np.int16 if response.dtype == np.uint8 else np.int32
-    padded = np.zeros((width + 2 * _TOGETHER, height + 2 * apart), kind)
+    padded = np.zeros(
+        (width + 2 * _TOGETHER, height + 2 * apart), np.uint16 if response.dtype == np.uint8 else np.uint32
+    )
     padded[_TOGETHER:-_TOGETHER, apart : apart + height] = cv2.transpose(response)
     sums = []
     for shear in _SHEARS:
-        total = np.zeros((-(-width // _STRIDE), height), kind)
+        total = np.zeros((-(-width // _STRIDE), height), padded.dtype)
         for aside in range(-_TOGETHER, _TOGETHER + 1):
             first = apart + shear * aside
             total += padded[_TOGETHER + aside : _TOGETHER + aside + width : _STRIDE, first : first + height]
@@ -151,16 +155,15 @@ def _summed(response: Shaped[np.ndarray, "rows k"]) -> Int[np.ndarray, "n rows"]
     return np.maximum.reduce(sums)
 
 
-def _brightest(light: Int[np.ndarray, "n rows"]) -> Int[np.ndarray, "n few"]:
+def _brightest(light: UInt[np.ndarray, "n rows"]) -> Int[np.ndarray, "n few"]:
     """The brightest rows of each step, with none beside another."""
-    each, height = np.arange(len(light)), light.shape[1]
+    each, around = np.arange(len(light))[:, None], np.arange(-_APART, _APART + 1)
     left = cv2.copyMakeBorder(light, 0, 0, _APART, _APART, cv2.BORDER_CONSTANT, value=0)
     rows = np.empty((len(light), _CANDIDATES), np.int64)
     for k in range(_CANDIDATES):
-        rows[:, k] = left.argmax(axis=1) - _APART
-        np.clip(rows[:, k], 0, height - 1, out=rows[:, k])  # nothing is left
-        left[each[:, None], rows[:, k, None] + np.arange(2 * _APART + 1)] = 0
-    return rows
+        rows[:, k] = left.argmax(axis=1)
+        left[each, rows[:, k, None] + around] = 0  # where nothing is left this does nothing
+    return np.maximum(rows - _APART, 0)
 
 
 def _worth(snr: Float[np.ndarray, "n few"]) -> Float[np.ndarray, "n states"]:
@@ -187,19 +190,21 @@ def best_states(
     """The states, one for each step, whose worths less the costs between them have the largest sum."""
     if len(worth) == 1:
         return worth.argmax(axis=1)
-    gains = worth[1:, None, :] - costs
-    gains[0] += worth[0, :, None]
-    middles = []
-    while len(gains) > 1:
-        pairs = len(gains) // 2
-        first, second = gains[0 : 2 * pairs : 2], gains[1 : 2 * pairs : 2].transpose(0, 2, 1)
-        ways = first[:, :, None, :] + second[:, None, :, :]
-        middles.append(ways.argmax(axis=3))
-        gains = np.concatenate([ways.max(axis=3), gains[2 * pairs :]])
-    ends = np.array(np.unravel_index(gains[0].argmax(), gains[0].shape))
-    for middle in reversed(middles):  # the states between which each way leads, from the ends inwards
-        pairs, outer = len(middle), ends
+    gains = np.ascontiguousarray((worth[1:, None, :] - costs).transpose(1, 2, 0))  # long vectors: from, to, step
+    gains[:, :, 0] += worth[0, :, None]
+    halves = []
+    while gains.shape[2] > 1:
+        pairs = gains.shape[2] // 2
+        first, second = gains[:, :, 0 : 2 * pairs : 2], gains[:, :, 1 : 2 * pairs : 2]
+        halves.append((first, second))
+        ways = first.transpose(1, 0, 2)[:, :, None] + second[:, None]  # by the state between
+        gains = np.concatenate([ways.max(axis=0), gains[:, :, 2 * pairs :]], axis=2)
+    ends = np.array(divmod(int(gains[:, :, 0].argmax()), worth.shape[1]))
+    for first, second in reversed(halves):  # the states between which each way leads, from the ends inwards
+        pairs, outer = first.shape[2], ends
+        each = np.arange(pairs)
+        between = first[outer[:pairs], :, each] + second[:, outer[1 : pairs + 1], each].T
         ends = np.empty(len(outer) + pairs, np.int64)
         ends[2 * pairs :], ends[: 2 * pairs : 2] = outer[pairs:], outer[:pairs]
-        ends[1 : 2 * pairs : 2] = middle[np.arange(pairs), outer[:pairs], outer[1 : pairs + 1]]
+        ends[1 : 2 * pairs : 2] = between.argmax(axis=1)
     return ends

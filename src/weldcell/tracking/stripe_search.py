@@ -20,7 +20,7 @@ _FAINT_SNR = 2.0  # beside what is seen
 _CLEAR_SHARE = 0.95  # of cell columns that show the stripe: then nothing faint is looked for
 _ROUNDING = 1.0  # two averages, each rounded to a level
 _REACH_CELLS = 4  # a stripe's light is looked for in so many cells to either side
-_BACKGROUND_CELLS, _NEAR_BACKGROUND_CELLS = (5, 6), (3, 4)  # 20 and 24 px off, or 12 and 16 beside a narrow stripe
+_NEAR_BACKGROUND_CELLS, _BACKGROUND_CELLS = (3, 4), (5, 6)  # 12 and 16 px off a narrow stripe; 20 and 24 off others
 _NARROW_PX2 = 6.0
 _FIRST_VARIANCE_PX2 = np.float32(16.0)
 _LEAST_VARIANCE_PX2, _MOST_VARIANCE_PX2 = 0.5, 49.0
@@ -76,10 +76,11 @@ def search(image: Shaped[np.ndarray, "height width"]) -> RoughStripe | None:
     cores = _mean(cells[:-1], cells[1:])
     response = cv2.subtract(cores, _brightest_side(cores))
     noise = cell_noise(cells) / np.sqrt(2)
-    rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
-    seen = _at(response, rows) > _ROUNDING + _SEARCH_SNR * noise
-    is_clear = np.count_nonzero(seen) >= _CLEAR_SHARE * len(seen)
-    if not is_clear or np.abs(np.diff(rows)).max(initial=0) > _STEP_CELLS:
+    seen = response.max(axis=0) > _ROUNDING + _SEARCH_SNR * noise
+    is_clear, rows = np.count_nonzero(seen) >= _CLEAR_SHARE * len(seen), None
+    if is_clear:
+        rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
+    if rows is None or np.abs(np.diff(rows)).max(initial=0) > _STEP_CELLS:
         rows, seen = _along_path(cells, cores, noise)
     found = np.flatnonzero(seen)
     return _measured(cells, rows[found], found) if len(found) else None
@@ -93,15 +94,17 @@ def _along_path(
     """Rows and which cell columns are seen, by the best path through the picture."""
     response, noise = over_slopes(cores), noise_model(cells, least_noise)
     columns, rows = stripe_path(response, cores, noise)
-    brightest = cv2.transpose(response).argmax(axis=1)
+    each = np.arange(response.shape[1])
     if len(columns) == 0:
-        return brightest, np.zeros(len(brightest), bool)
+        return np.zeros_like(each), np.zeros(len(each), bool)
     on_path = beside(response, columns, rows, REACH_PX // CELL_COLUMNS)
-    seen = on_path.near & (_snr(response, cores, noise, on_path.rows) > _FAINT_SNR)
-    each = np.arange(len(brightest))
-    between = ~seen & (each > columns[0]) & (each < columns[-1])  # such as a narrow gap's bottom
-    between &= _snr(response, cores, noise, brightest) > _SEARCH_SNR
-    return np.where(seen, on_path.rows, brightest), seen | _in_pieces(brightest, between)
+    rows, seen = on_path.rows, on_path.near & (_snr(response, cores, noise, each, on_path.rows) > _FAINT_SNR)
+    # Between its ends the stripe may be off the path, such as on a narrow gap's bottom.
+    between = np.flatnonzero(~seen[columns[0] + 1 : columns[-1]]) + columns[0] + 1
+    rows[between] = cv2.transpose(response)[between].argmax(axis=1)
+    clear = np.zeros_like(seen)
+    clear[between] = _snr(response, cores, noise, between, rows[between]) > _SEARCH_SNR
+    return rows, seen | _in_pieces(rows, clear)
 
 
 def _in_pieces(rows: Int[np.ndarray, "k"], seen: Bool[np.ndarray, "k"]) -> Bool[np.ndarray, "k"]:
@@ -114,10 +117,13 @@ def _snr(
     response: Shaped[np.ndarray, "rows k"],
     cores: Shaped[np.ndarray, "rows k"],
     noise: NoiseModel,
-    rows: Int[np.ndarray, "k"],
-) -> Float[np.ndarray, "k"]:
-    """How far each cell column stands out at its row, in units of the noise there."""
-    return (_at(response, rows) - _ROUNDING) * np.sqrt(2) / np.maximum(noise.sigma(_at(cores, rows)), QUANTISATION_GREY)
+    columns: Int[np.ndarray, "n"],
+    rows: Int[np.ndarray, "n"],
+) -> Float[np.ndarray, "n"]:
+    """How far these places stand out, in units of the noise there."""
+    places = rows * response.shape[1] + columns
+    sigma = np.maximum(noise.sigma(cores.ravel().take(places)), QUANTISATION_GREY)
+    return (response.ravel().take(places) - _ROUNDING) * np.sqrt(2) / sigma
 
 
 def _brightest_side(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows k"]:
@@ -160,17 +166,13 @@ def cell_noise(cells: Shaped[np.ndarray, "rows columns"]) -> float:
     return spread / np.sqrt(2)
 
 
-def _at(response: Shaped[np.ndarray, "rows k"], rows: Int[np.ndarray, "k"]) -> Shaped[np.ndarray, "k"]:
-    return response.ravel().take(rows * response.shape[1] + np.arange(response.shape[1]))
-
-
 def _measured(
     cells: Shaped[np.ndarray, "rows columns"], first: Int[np.ndarray, "k"], found: Int[np.ndarray, "k"]
 ) -> RoughStripe:
     """Centre, width and background in cell columns `found`, about the cells `first` and the next one."""
     grey = picked(cells, first, _OFFSET, found)
     moments = _MOMENTS @ grey
-    for near, far in (_BACKGROUND_CELLS, _NEAR_BACKGROUND_CELLS):
+    for near, far in (_NEAR_BACKGROUND_CELLS, _BACKGROUND_CELLS):
         # The darker of two cells, so that no reflection counts; then the median of neighbours, against noise.
         reach = max(_BACKGROUND_CELLS)
         above = cv2.medianBlur(np.minimum(grey[reach - far], grey[reach - near])[None], 5)[0]
@@ -180,7 +182,7 @@ def _measured(
         middle, slope = (above + below) / 2, step / np.float32(apart_px)
         light = moments - _MOMENTS_OF_LEVEL * middle - _MOMENTS_OF_SLOPE * slope
         centre, variance = adapted(np.float32(0), _FIRST_VARIANCE_PX2, *light)
-        if np.median(variance) > _NARROW_PX2 + _CELL_VARIANCE_PX2:
+        if 2 * np.count_nonzero(variance <= _NARROW_PX2 + _CELL_VARIANCE_PX2) >= len(variance):
             break
     by_cell = np.empty((5, len(found), CELL_COLUMNS), np.float32)
     by_cell[0] = ((first + 1) * CELL_ROWS - 0.5 + centre)[:, None]
@@ -214,7 +216,8 @@ def adapted(
     mean = shift / total
     q = np.maximum(second / total - mean * mean, 0.05)
     variance = 1 / np.maximum(1 / q - 1 / weight_variance, 1 / _MOST_VARIANCE_PX2)
-    return centre + np.clip(mean * variance / q, -_MOST_SHIFT_PX, _MOST_SHIFT_PX), variance
+    shift_px = np.minimum(np.maximum(mean * variance / q, -_MOST_SHIFT_PX), _MOST_SHIFT_PX)
+    return centre + shift_px, variance
 
 
 def _shrunk(image: Shaped[np.ndarray, "height width"]) -> Shaped[np.ndarray, "rows columns"]:
