@@ -7,7 +7,7 @@ import pytest
 
 from tracking.line_pictures import noisy_line
 from weldcell.tracking.stripe import find_stripe
-from weldcell.tracking.stripe_path import best_states, noise_model, over_slopes
+from weldcell.tracking.stripe_path import best_states, over_slopes
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
@@ -23,17 +23,6 @@ def test_the_best_states_are_those_of_trying_all(count, seed):
 
     best = max(product(range(3), repeat=count), key=total)
     assert best_states(worth, costs).tolist() == list(best)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_noise_grows_with_the_level_as_it_was_made_whatever_slope_the_light_has(seed):
-    rng = np.random.default_rng(seed)
-    level = np.linspace(20, 200, 300)[:, None] + np.linspace(0, 40, 400)
-    picture = np.clip(np.rint(rng.normal(level, np.sqrt(1.0 + 0.02 * level))), 0, 255).astype(np.uint8)
-    model = noise_model(picture, 0.3)
-    at = np.array([30.0, 100.0, 200.0])
-    # Some 900 differences in each of eight classes of level tell a deviation to 3 %; trimming takes 2 to 5 %.
-    np.testing.assert_allclose(model.sigma(at), np.sqrt(1.0 + 0.02 * at + 1 / 12), rtol=0.12)
 
 
 def test_nothing_stands_out_of_a_slope_or_of_an_edge():

@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
+from weldcell.tracking.cell_noise import QUANTISATION_GREY
 from weldcell.tracking.stripe_faint import REACH_PX, path_at
 from weldcell.tracking.stripe_noise import Spread, excess_noise
 from weldcell.tracking.stripe_pieces import in_long_pieces
 from weldcell.tracking.stripe_search import (
-    QUANTISATION_GREY,
     STEP_NOISE,
     RoughStripe,
     adapted,

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
-from weldcell.tracking.stripe_search import QUANTISATION_GREY, picked
+from weldcell.tracking.cell_noise import QUANTISATION_GREY
+from weldcell.tracking.stripe_search import picked
 
 DEFAULT_SPECKLE_CONTRAST = 0.45
 """Taken where a picture has too few columns to measure its own."""

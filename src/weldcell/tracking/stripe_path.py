@@ -9,13 +9,11 @@ associative, so neighbours are merged in pairs, and all pairs at once (Hassan, S
 parallelization of inference in hidden Markov models, 2021).
 """
 
-from dataclasses import dataclass
-from statistics import median
-
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped, UInt
 
+from weldcell.tracking.cell_noise import NoiseModel
 from weldcell.tracking.stripe_faint import STEEPEST_CELLS
 from weldcell.tracking.stripe_pieces import in_long_pieces
 
@@ -29,8 +27,6 @@ _WORTH_SNR, _MOST_SNR = 3.0, 6.0  # the clearest of a column's noise is worth no
 _BRIGHTER_WORTH = 0.6  # of what is e times as clear as that: decides between what is clear anyway
 _BEND_COST, _JUMP_COST, _FALL_COST = 0.2, 12.0, 0.1  # the first and the last for each row
 _FEWEST_STEPS, _MOST_GAP = 6, 2  # of a piece, and steps from one of its places to the next
-_LEVELS, _SAMPLES = 8, 48  # of brightness; rows and columns that tell the noise
-_SATURATED_SHARE = 0.98
 _ROUNDING = 0.5
 
 
@@ -59,49 +55,6 @@ def over_slopes(cores: Shaped[np.ndarray, "rows k"]) -> Shaped[np.ndarray, "rows
                 side = cv2.subtract(side, fall)
             cv2.max(expected, side, dst=expected)
     return cv2.subtract(cores, expected)
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseModel:
-    """A cell's noise: its variance is `read_grey2` + `shot_grey` times its level (grey levels)."""
-
-    read_grey2: float
-    shot_grey: float
-
-    def sigma(self, level: Shaped[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Standard deviation at these levels."""
-        return np.sqrt(self.read_grey2 + self.shot_grey * level)
-
-
-def noise_model(cells: Shaped[np.ndarray, "rows columns"], least_sigma: float) -> NoiseModel:
-    """How a picture's noise grows with its brightness; mixed second differences do not see slopes of the light."""
-    steps = [max(1, size // _SAMPLES) for size in cells.shape]
-    here, beside, below, across = (
-        cells[a : cells.shape[0] - 1 + a : steps[0], b : cells.shape[1] - 1 + b : steps[1]].astype(np.float32).ravel()
-        for a in (0, 1)
-        for b in (0, 1)
-    )
-    level = (here + across) / 2
-    order = np.argsort(level)
-    order = order[: np.searchsorted(level[order], _SATURATED_SHARE * level[order[-1]])] if len(order) else order
-    size = len(order) // _LEVELS
-    if size == 0:
-        return NoiseModel(read_grey2=least_sigma**2, shot_grey=0.0)
-    order = order[: size * _LEVELS].reshape(_LEVELS, size)
-    levels, variances = level[order].mean(axis=1), _trimmed_mean(np.square((here - beside - below + across)[order])) / 4
-    slopes = (variances[1:] - variances[0]) / np.maximum(levels[1:] - levels[0], 1.0)
-    shot = max(median(slopes.tolist()), 0.0)
-    read = median((variances - shot * levels).tolist())
-    return NoiseModel(read_grey2=max(read, least_sigma**2), shot_grey=shot)
-
-
-def _trimmed_mean(squares: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k"]:
-    """Mean of each row, without what is 2.8 times as far out as its root, but for 3: rounding."""
-    mean = squares.mean(axis=1)
-    for _ in range(2):
-        kept = squares <= np.maximum(2.8**2 * mean, 3.0**2)[:, None]
-        mean = (squares * kept).sum(axis=1) / np.maximum(kept.sum(axis=1), 1)
-    return mean
 
 
 def stripe_path(

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
+from weldcell.tracking.cell_noise import QUANTISATION_GREY, NoiseModel, cell_noise
 from weldcell.tracking.stripe_faint import REACH_PX, beside
-from weldcell.tracking.stripe_path import NoiseModel, noise_model, over_slopes, stripe_path
+from weldcell.tracking.stripe_path import over_slopes, stripe_path
 from weldcell.tracking.stripe_pieces import in_long_pieces
 
 CELL_ROWS, CELL_COLUMNS = 4, 2
@@ -29,9 +30,6 @@ _CELL_VARIANCE_PX2 = CELL_ROWS**2 / 12
 _FEWEST_CELLS = 3  # in a row, for a piece off the path
 _STEP_CELLS = 4  # a larger step from one cell column to the next parts two pieces
 _UNSHARED_PIXELS = 65536
-_SAMPLE_CELLS = 45  # rows and columns of cells that tell the noise
-QUANTISATION_GREY = float(1 / np.sqrt(12))
-"""Rounding to whole levels: the least noise a picture can have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,24 +73,22 @@ def search(image: Shaped[np.ndarray, "height width"]) -> RoughStripe | None:
         return None
     cores = _mean(cells[:-1], cells[1:])
     response = cv2.subtract(cores, _brightest_side(cores))
-    noise = cell_noise(cells) / np.sqrt(2)
-    seen = response.max(axis=0) > _ROUNDING + _SEARCH_SNR * noise
+    noise = cell_noise(cells)
+    seen = response.max(axis=0) > _ROUNDING + _SEARCH_SNR * noise.sigma() / np.sqrt(2)
     is_clear, rows = np.count_nonzero(seen) >= _CLEAR_SHARE * len(seen), None
     if is_clear:
         rows = cv2.transpose(response).argmax(axis=1)  # along memory: faster than down the columns
     if rows is None or np.abs(np.diff(rows)).max(initial=0) > _STEP_CELLS:
-        rows, seen = _along_path(cells, cores, noise)
+        rows, seen = _along_path(cores, noise.model())
     found = np.flatnonzero(seen)
     return _measured(cells, rows[found], found) if len(found) else None
 
 
 def _along_path(
-    cells: Shaped[np.ndarray, "height k"],
-    cores: Shaped[np.ndarray, "rows k"],
-    least_noise: float,
+    cores: Shaped[np.ndarray, "rows k"], noise: NoiseModel
 ) -> tuple[Int[np.ndarray, "k"], Bool[np.ndarray, "k"]]:
     """Rows and which cell columns are seen, by the best path through the picture."""
-    response, noise = over_slopes(cores), noise_model(cells, least_noise)
+    response = over_slopes(cores)
     columns, rows = stripe_path(response, cores, noise)
     each = np.arange(response.shape[1])
     if len(columns) == 0:
@@ -150,20 +146,6 @@ def picked(
     else:
         index = (rows * width + columns) + offset * width
     return image.ravel().take(index).astype(np.float32)
-
-
-def cell_noise(cells: Shaped[np.ndarray, "rows columns"]) -> float:
-    """Standard deviation of a cell (grey levels), from differences of neighbouring rows without the large ones."""
-    step_rows, step_columns = (max(1, size // _SAMPLE_CELLS) for size in cells.shape)
-    upper = cells[:-1:step_rows, ::step_columns].astype(np.float32)
-    differences = np.abs(cells[1::step_rows, ::step_columns] - upper).ravel()
-    spread = np.inf
-    for _ in range(3):
-        differences = differences[differences <= max(2.8 * spread, 1.5)]
-        if len(differences) == 0:
-            return QUANTISATION_GREY
-        spread = float(np.sqrt(differences @ differences / len(differences)))
-    return spread / np.sqrt(2)
 
 
 def _measured(
