@@ -29,6 +29,7 @@ from weldcell.cell.configuration import (
 )
 from weldcell.cell.errors import WeldcellError
 from weldcell.scenarios.alignment import Alignment
+from weldcell.scenarios.dataset.worker import start_worker
 from weldcell.scenarios.progress import Progress
 from weldcell.scenarios.recording import Recording
 from weldcell.scenarios.seam_tracking import seam_metrics, track_seam
@@ -103,7 +104,8 @@ def tables(condition: Condition, seeds: Sequence[int] = SEEDS) -> dict[str, list
     """A row for each seam under one condition, and the worst of the asked ones against what is asked."""
     chosen = [case for case in cases() if case.condition is condition]
     os.environ |= ONE_THREAD
-    with ProcessPoolExecutor(AT_ONCE, mp_context=multiprocessing.get_context("spawn")) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(AT_ONCE, mp_context=spawn, initializer=start_worker) as pool:
         alignments = dict(zip(seeds, pool.map(aligned, seeds), strict=True))
         runs = [(case, seed, alignments[seed]) for case in chosen for seed in seeds]
         results = pool.map(measured, *zip(*runs, strict=True))
