@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg.lapack import dposv
 
 from weldcell.tracking.candidates import EXPLAINED_M
+from weldcell.tracking.root_gap import seen_through_gap
 from weldcell.tracking.section import Section
 
 _TUKEY = 4.685
@@ -105,6 +106,9 @@ def fit_drawing(
     """
     lower_m = np.where(section.x_m < (right_m + left_m) / 2, -higher_m / 2, higher_m / 2)
     section = replace(section, z_m=section.z_m + lower_m)
+    through = seen_through_gap(section)
+    if through.any():
+        section = section.only(~through)
     fitted = _fitted(section, right_m, left_m, sides)
     return fitted if isinstance(fitted, str) else replace(fitted, higher_m=higher_m)
 
