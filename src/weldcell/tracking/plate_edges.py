@@ -51,6 +51,7 @@ _SAME_GAP_NATS, _SAME_GAP_M = 5.0, 2.5e-4  # and of the others, where it was as 
 _RISE_M = 3e-4  # what lies higher above the plates inside a gap covers it
 _COVERED_SHARE = 0.5
 _PLATE_DEGREE = 3
+_LEAD_NATS = 3.0  # over what is elsewhere: twenty to one
 _FIRST_NATS, _NEXT_NATS = 7.0, 1.2  # the most that the first missing column and each after it say for a gap
 _FITTED_M = 0.012  # of each plate of a butt joint: its ends matter, and it may be bent
 
@@ -97,7 +98,10 @@ def find_butt(section: Section, previous_x_m: float | None = None, *, previous_g
     best = best_of(scores, [gap.middle_m for gap in gaps])
     if best is None:
         return Found(reason=f"no butt joint{near_words(previous_x_m)}: no gap or step between two plates")
-    return _butt(section, gaps[best[0]], best[1])
+    found, margin = gaps[best[0]], best[1]
+    if margin * scores[best[0]] < min(_LEAD_NATS, scores[best[0]]):
+        return Found(reason=f"no butt joint{near_words(previous_x_m)}: two places are about as likely")
+    return _butt(section, found, margin)
 
 
 def _alike_nats(gap: _Gap, previous_gap_m: float | None) -> float:
