@@ -84,3 +84,27 @@ def test_an_edge_whose_light_is_lost_is_not_put_where_the_light_stops(hidden_mm)
     profile = measured(seen_stripe(parts), noise_m=2e-5, hidden_m=hidden, rng=np.random.default_rng(9))
     features = find_joint(profile, "lap", PLANE)
     assert not features.valid and features.reason
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("share", [0.25, 0.4])
+def test_a_face_too_dim_to_be_seen_leaves_the_joint_where_both_plates_end(share, mirror):
+    """Light that grazes the face is dim; the lower plate begins where the face stands."""
+    parts, truth = placed(lap(mirror=mirror), tilt_rad=share * ACROSS[mirror], z_m=0.185)
+    low, high = sorted(x for x, _ in truth.values())
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        profile = measured(seen_stripe(parts), noise_m=2e-5, hidden_m=[(low + 2e-5, high - 2e-5)], rng=rng)
+        features = find_joint(profile, "lap", PLANE)
+        assert features.valid, features.reason
+        assert errors_m(features, truth).max() < 1.6e-4  # m: two columns
+
+
+@pytest.mark.parametrize("share", [0.25, 0.4])
+def test_glare_over_a_leaning_face_and_a_plate_beside_it_is_no_dim_face(share):
+    parts, truth = placed(lap(), tilt_rad=share * ACROSS[False], z_m=0.185)
+    low, high = sorted(x for x, _ in truth.values())
+    hidden = [(low - 3e-3, high + 2e-3)]
+    profile = measured(seen_stripe(parts), noise_m=2e-5, hidden_m=hidden, rng=np.random.default_rng(3))
+    features = find_joint(profile, "lap", PLANE)
+    assert not features.valid and "should be seen" in features.reason

@@ -45,6 +45,7 @@ _STEP_M = (4e-4, 1.5e-2)  # across the plates
 _MOST_HIDDEN_M = 8e-3  # between them, besides the face itself
 _GUARD_M = 4e-4  # about corners the stripe of both sides mixes: its window is five columns there
 _FACE_COLUMNS = 12  # a face as wide as this holds enough points to be found
+_FOOT_COLUMNS, _FEWEST_AT_FOOT = 6, 2  # beside the root, and points of the plate among them
 _SLACK_M, _FAN_SLOPE = 5e-4, 0.2
 _SQUARE_RAD = math.radians(20)  # how far a face may be off the right angle to its plate: a tack weld's is at 45 deg
 
@@ -104,7 +105,7 @@ def _lap(section: Section, pair: tuple[Piece, Piece], margin: float) -> Found:
         if end is None or end.nats < _LEAST_NATS:
             return Found(reason="no lap joint: the upper plate has no clear edge")
         corners = end.corner, _foot(end.corner, upper, lower)
-        if _is_hidden(section, corners, lower_m, outward):
+        if _is_hidden(section, lower, corners, lower_m, outward):
             return Found(reason="no lap joint: what lies between its plates' ends should be seen, and is not")
     return _found(section, (upper, lower), corners, outward, margin)
 
@@ -172,15 +173,18 @@ def _foot(edge: Corner, upper: Curve, lower: Curve) -> Corner:
     return Corner(x_m=x_m, z_m=lower.z_at(x_m), sigma_m=math.sqrt(variance))
 
 
-def _is_hidden(section: Section, corners: tuple[Corner, Corner], lower_m: float, outward: float) -> bool:
+def _is_hidden(section: Section, lower: Curve, corners: tuple[Corner, Corner], lower_m: float, outward: float) -> bool:
     """Whether light or view is lost between the plates: the upper one's light need not stop at its edge then.
 
-    A face that the light, which goes along z, falls on is seen, and so is the lower plate from the face on, or from
-    below the edge where that leans over it; the fan's rays only shift this a little.
+    A face that the light, which goes along z, falls on is seen, unless it is dim; then the lower plate begins where the
+    upper one's height and end put its foot. Otherwise the lower plate is seen from the face on, or from below the edge
+    where that leans over it; the fan's rays only shift this a little.
     """
     edge, root = corners
     if outward * (root.x_m - edge.x_m) > _FACE_COLUMNS * section.spacing_m:
-        return True
+        columns = outward * (section.x_m - root.x_m) / section.spacing_m
+        beside = section.only(np.abs(columns) <= _FOOT_COLUMNS)
+        return bool(np.count_nonzero(np.abs(beside.z_m - lower.z_of(beside.x_m)) <= EXPLAINED_M) < _FEWEST_AT_FOOT)
     lit_m = max(outward * root.x_m, outward * edge.x_m)
     return outward * lower_m - lit_m > _SLACK_M + _FAN_SLOPE * (root.z_m - edge.z_m)
 
