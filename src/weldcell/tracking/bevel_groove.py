@@ -14,7 +14,6 @@ import numpy as np
 from weldcell.tracking.bevel_foot import Foot, bevel_foot
 from weldcell.tracking.candidates import (
     EXPLAINED_M,
-    MOST_SIGMA_M,
     PLATE_LENGTH_M,
     best_of,
     is_near,
@@ -24,6 +23,7 @@ from weldcell.tracking.candidates import (
     near_words,
     on_model,
     share_of,
+    uncertain_words,
 )
 from weldcell.tracking.curve_end import PLATE_LOST_SHARE, curve_end
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
@@ -171,9 +171,9 @@ def _refined(section: Section, one: _Bevel, margin: float, previous_kept_depth_m
     explained = _explained(section, lines, square_end, bevel_end)
     if explained < _LEAST_EXPLAINED:
         return Found(reason="no single bevel: most points between its edges lie off the bevel")
-    worst = max(corner.sigma_m for corner in corners)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"single bevel too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
+    doubt = uncertain_words("single bevel", *corners)
+    if doubt:
+        return Found(reason=doubt)
     unflipped = tuple(replace(corner, x_m=-corner.x_m) for corner in corners)
     return Found(
         corners=unflipped if one.flipped else corners[::-1],

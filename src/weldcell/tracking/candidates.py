@@ -19,7 +19,7 @@ PLATE_LENGTH_M = 0.02
 """Plate beyond this adds little precision, and it may be bent."""
 MOST_PLATE_ANGLE_RAD = math.radians(25)
 """Between the two plates of a joint in one plane."""
-MOST_SIGMA_M = 5e-4
+_MOST_SIGMA_M = 5e-4
 """A corner less certain than this is not reported."""
 _SAME_JOINT_M = 1e-3
 _USUAL_STEP_M = 2e-3  # across the light, from one frame to the next
@@ -60,6 +60,14 @@ def risen_words(name: str, depth_m: float, previous_depth_m: float | None, most_
     if risen_m <= most_risen_m:
         return ""
     return f"no {name}: its bottom stands {risen_m * 1e3:.1f} mm higher than before, as a tack weld's does"
+
+
+def uncertain_words(name: str, *corners: Corner) -> str:
+    """How a reason says that a corner's place is known too badly to be of use; empty if all are known."""
+    worst_m = max(corner.sigma_m for corner in corners)
+    if worst_m <= _MOST_SIGMA_M:
+        return ""
+    return f"{name} too uncertain: a corner has a standard deviation of {worst_m * 1e3:.2f} mm"
 
 
 def near_words(previous_x_m: float | None) -> str:

@@ -3,7 +3,7 @@
 import math
 from itertools import combinations
 
-from weldcell.tracking.candidates import MOST_SIGMA_M, PLATE_LENGTH_M, best_of, is_near, near_words, share_on_model
+from weldcell.tracking.candidates import PLATE_LENGTH_M, best_of, is_near, near_words, share_on_model, uncertain_words
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
 from weldcell.tracking.pieces import Piece, straight_pieces
@@ -89,8 +89,9 @@ def _refined(section: Section, pair: tuple[Piece, Piece], margin: float) -> Foun
     explained = share_on_model(section, [(right, low, root_m), (left, root_m, high)])
     if explained < _LEAST_EXPLAINED:
         return Found(reason="no fillet: most points about its root lie off its plates")
-    if root.sigma_m > MOST_SIGMA_M:
-        return Found(reason=f"fillet too uncertain: its root has a standard deviation of {root.sigma_m * 1e3:.2f} mm")
+    doubt = uncertain_words("fillet", root)
+    if doubt:
+        return Found(reason=doubt)
     return Found(
         corners=(root,),
         measures={"angle_rad": math.pi - (right.angle_at(root_m) - left.angle_at(root_m))},

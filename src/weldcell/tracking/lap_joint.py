@@ -13,13 +13,13 @@ from jaxtyping import Bool
 
 from weldcell.tracking.candidates import (
     EXPLAINED_M,
-    MOST_SIGMA_M,
     PLATE_LENGTH_M,
     best_of,
     is_near,
     is_plate_pair,
     near_words,
     share_on_model,
+    uncertain_words,
 )
 from weldcell.tracking.curve_end import curve_end
 from weldcell.tracking.curves import Curve, curves_cross, fit_curve, line_curve
@@ -194,9 +194,9 @@ def _found(
 ) -> Found:
     """The joint of these upper and lower plates and corners, unless too little speaks for it."""
     (upper, lower), (edge, root) = plates, corners
-    worst = max(edge.sigma_m, root.sigma_m)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"lap joint too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
+    doubt = uncertain_words("lap joint", edge, root)
+    if doubt:
+        return Found(reason=doubt)
     sides = ((upper, edge.x_m - outward * _BESIDE_M, edge.x_m), (lower, root.x_m, root.x_m + outward * _BESIDE_M))
     explained = min(share_on_model(section, [(plate, min(span), max(span))]) for plate, *span in sides)
     if explained < _LEAST_EXPLAINED:

@@ -12,7 +12,6 @@ import numpy as np
 
 from weldcell.tracking.candidates import (
     EXPLAINED_M,
-    MOST_SIGMA_M,
     best_of,
     is_near,
     is_plate_pair,
@@ -20,6 +19,7 @@ from weldcell.tracking.candidates import (
     near_words,
     on_model,
     share_on_model,
+    uncertain_words,
     unlikelihood,
 )
 from weldcell.tracking.curve_end import PLATE_LOST_SHARE, End, curve_end
@@ -215,9 +215,9 @@ def _butt(section: Section, gap: _Gap, margin: float) -> Found:
         return Found(reason="no butt joint: something stands in the gap, such as a tack weld")
     if left.x_m - right.x_m > _MOST_GAP_M:
         return Found(reason=f"no butt joint: a gap of {(left.x_m - right.x_m) * 1e3:.1f} mm is too wide")
-    worst = max(right.sigma_m, left.sigma_m)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"butt joint too uncertain: an edge has a standard deviation of {worst * 1e3:.2f} mm")
+    doubt = uncertain_words("butt joint", right, left)
+    if doubt:
+        return Found(reason=doubt)
     low, high = right.x_m - _BESIDE_M, left.x_m + _BESIDE_M
     explained = share_on_model(section, [(gap.plates[0], low, right.x_m), (gap.plates[1], left.x_m, high)])
     if explained < _LEAST_EXPLAINED:

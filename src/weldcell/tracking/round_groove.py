@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from weldcell.tracking.candidates import (
-    MOST_SIGMA_M,
     PLATE_LENGTH_M,
     as_deep,
     best_of,
@@ -22,6 +21,7 @@ from weldcell.tracking.candidates import (
     is_plate_pair,
     mirrored,
     near_words,
+    uncertain_words,
 )
 from weldcell.tracking.curve_end import PLATE_LOST_SHARE, curve_end
 from weldcell.tracking.curves import Curve, fit_curve, flipped_curve, line_curve
@@ -181,9 +181,9 @@ def _as_certain(
     margin: float,
 ) -> Found:
     """The groove, unless one of its corners is too uncertain."""
-    worst = max(corner.sigma_m for corner in corners)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"{name} too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
+    doubt = uncertain_words(name, *corners)
+    if doubt:
+        return Found(reason=doubt)
     support = min(plates[0].count, plates[1].count, fitted.count)
     return Found(
         corners=corners, measures=measures, trust=Trust(explained=fitted.explained, margin=margin, support=support)

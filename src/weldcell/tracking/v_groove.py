@@ -9,7 +9,6 @@ import numpy as np
 
 from weldcell.tracking.candidates import (
     EXPLAINED_M,
-    MOST_SIGMA_M,
     PLATE_LENGTH_M,
     best_of,
     is_near,
@@ -18,6 +17,7 @@ from weldcell.tracking.candidates import (
     on_model,
     risen_words,
     share_of,
+    uncertain_words,
 )
 from weldcell.tracking.curves import Curve, crossing_at, crossing_m, fit_curve, line_curve
 from weldcell.tracking.found import Found, Trust
@@ -212,9 +212,9 @@ def _refined(
             measures["depth_m"] = root.depth_m
     elif shape is V and abs(measures["mismatch_m"]) > _LEAST_MISMATCH_M:
         corners = (corners[0], stepped_root(section, curves, corners[1], measures["mismatch_m"]), corners[2])
-    worst = max(corner.sigma_m for corner in corners)
-    if worst > MOST_SIGMA_M:
-        return Found(reason=f"{shape.name} too uncertain: a corner has a standard deviation of {worst * 1e3:.2f} mm")
+    doubt = uncertain_words(shape.name, *corners)
+    if doubt:
+        return Found(reason=doubt)
     trust = Trust(explained=explained, margin=margin, support=min(curve.count for curve in curves))
     return Found(corners=corners[::-1], measures=measures, trust=trust)
 
