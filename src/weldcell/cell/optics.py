@@ -263,9 +263,9 @@ def _mapped(
     return np.asarray(moved[..., :2] / moved[..., 2:])
 
 
-def _coordinates(points: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "2 *batch"]:
+def _coordinates(points: Float[np.ndarray, "*batch 2"]) -> tuple[_Values, _Values]:
     """x and y, each in one piece of memory."""
-    return np.ascontiguousarray(np.moveaxis(points, -1, 0))
+    return points[..., 0].copy(), points[..., 1].copy()
 
 
 def _matrices(slopes: _Slopes) -> Float[np.ndarray, "*batch 2 2"]:

@@ -141,23 +141,20 @@ def best_states(
     worth: Float[np.ndarray, "n states"], costs: Float[np.ndarray, "steps states states"]
 ) -> Int[np.ndarray, "n"]:
     """The states, one for each step, whose worths less the costs between them have the largest sum."""
-    if len(worth) == 1:
-        return worth.argmax(axis=1)
-    gains = np.ascontiguousarray((worth[1:, None, :] - costs).transpose(1, 2, 0))  # long vectors: from, to, step
+    steps, states = len(costs), np.arange(worth.shape[1])
+    gains = np.full((len(states), len(states), 1 << max(steps - 1, 0).bit_length()), -np.inf)  # from, to, step
+    gains[states, states] = 0.0  # beyond the last step nothing changes
+    gains[:, :, :steps] = (worth[1:, None, :] - costs).transpose(1, 2, 0)
     gains[:, :, 0] += worth[0, :, None]
     halves = []
     while gains.shape[2] > 1:
-        pairs = gains.shape[2] // 2
-        first, second = gains[:, :, 0 : 2 * pairs : 2], gains[:, :, 1 : 2 * pairs : 2]
+        first, second = gains[:, :, 0::2], gains[:, :, 1::2]
         halves.append((first, second))
-        ways = first.transpose(1, 0, 2)[:, :, None] + second[:, None]  # by the state between
-        gains = np.concatenate([ways.max(axis=0), gains[:, :, 2 * pairs :]], axis=2)
-    ends = np.array(divmod(int(gains[:, :, 0].argmax()), worth.shape[1]))
-    for first, second in reversed(halves):  # the states between which each way leads, from the ends inwards
-        pairs, outer = first.shape[2], ends
-        each = np.arange(pairs)
-        between = first[outer[:pairs], :, each] + second[:, outer[1 : pairs + 1], each].T
-        ends = np.empty(len(outer) + pairs, np.int64)
-        ends[2 * pairs :], ends[: 2 * pairs : 2] = outer[pairs:], outer[:pairs]
-        ends[1 : 2 * pairs : 2] = between.argmax(axis=1)
-    return ends
+        gains = (first.transpose(1, 0, 2)[:, :, None] + second[:, None]).max(axis=0)  # over the state between
+    ends = np.array(divmod(int(gains.argmax()), len(states)))
+    for first, second in reversed(halves):
+        each = np.arange(first.shape[2])
+        found = np.empty(2 * len(ends) - 1, np.int64)
+        found[0::2], found[1::2] = ends, (first[ends[:-1], :, each] + second[:, ends[1:], each].T).argmax(axis=1)
+        ends = found
+    return ends[: steps + 1]
