@@ -10,11 +10,14 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import degenerate_problems
 import synthetic
+import synthetic_arm
 from benchmarks.table import Figure
-from weldcell.calib import axxb, hand_eye_batch
+from benchmarks.timing import interleaved_ms
+from weldcell.calib import axxb, hand_eye_batch, joint_estimate, sphere_sight
 from weldcell.calib.axxb_methods import METHODS, motions
 from weldcell.calib.board_bundle import Corners, pose_slopes
 from weldcell.calib.chessboard import board_points
+from weldcell.calib.joint_problem import Sizes
 from weldcell.cell.frames import difference, rigid_from
 from weldcell.cell.optics import CameraModel
 
@@ -83,6 +86,13 @@ def tables() -> dict[str, list[Figure]]:
         Figure(name="scipy.optimize.least_squares in a loop", value=loop_us, unit="us"),
         Figure(name="hand_eye_batch, 10 000 at once", value=batch_us, unit="us"),
         Figure(name="ratio", value=loop_us / batch_us, at_least=10.0),
+    ]
+    shown["Estimators, over one of these loop's solutions"] = [
+        Figure(name=name, value=1e3 * value_ms / loop_us, at_most=most)
+        for name, value_ms, most in (
+            ("sphere in a profile", sphere_time_ms(), 10.0),
+            ("joint estimate of arm, sensor and torch", joint_time_ms(), 200.0),
+        )
     ]
     outcomes = degenerate_counts()
     shown["10 000 random degenerate problems"] = [
@@ -187,6 +197,30 @@ def solution_times_us(count: int = 10_000, looped: int = 300) -> tuple[float, fl
         hand_eye_batch.solve(batch)
         times.append(1e6 * (time.perf_counter() - begin) / count)
     return loop_us, float(np.median(times))
+
+
+def sphere_time_ms(repeats: int = 20) -> float:
+    """Median time to find the sphere in a profile of which one point in ten is a stray."""
+    rng = np.random.default_rng(7)
+    off_m = np.where(rng.random(700) < 0.1, rng.uniform(-0.03, 0.03, 700), rng.normal(0, 3e-5, 700))
+    light = synthetic.PLANE.T_camera_laser.rotation.apply([0.0, 0.0, 1.0])
+    points_camera = synthetic.arc(0.010)[0] + off_m[:, None] * light
+    problem = sphere_sight.SphereSightProblem(
+        points_camera=points_camera,
+        sigma_m=np.full(700, 3e-5),
+        plane=synthetic.PLANE,
+        radius_m=synthetic.SPHERE_RADIUS_M,
+        side=1,
+    )
+    return interleaved_ms({"sphere": lambda: sphere_sight.solve(problem)}, repeats)["sphere"]
+
+
+def joint_time_ms(repeats: int = 5) -> float:
+    """Median time of the joint estimate of a session as `commission` makes it."""
+    rng = np.random.default_rng(8)
+    cell, plan = synthetic_arm.drawn_cell(rng, Sizes()), synthetic_arm.plan(rng)
+    problem = synthetic_arm.observe(cell, plan, rng, Sizes())
+    return interleaved_ms({"joint": lambda: joint_estimate.solve(problem)}, repeats)["joint"]
 
 
 def degenerate_counts(count: int = 10_000) -> dict[str, float]:

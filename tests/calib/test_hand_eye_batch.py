@@ -1,5 +1,3 @@
-import time
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -79,12 +77,12 @@ def test_shapes_that_do_not_belong_together_are_named():
         HandEyeBatch(T_base_flange=sights.T_base_flange, centres_camera=sights.centres_camera[None, :-1])
 
 
-def test_it_is_ten_times_as_fast_as_a_loop_over_least_squares():
-    """A ratio in one process; 60 solutions each. The benchmark has the figure for 10 000."""
+def test_it_agrees_with_a_loop_over_least_squares():
+    """How much faster it is, `python -m benchmarks hand-eye` tells."""
     rng = np.random.default_rng(6)
     sights = synthetic.sights(rng)
     centres = noisy(sights, rng, 60)
-    batch = HandEyeBatch(T_base_flange=sights.T_base_flange, centres_camera=np.tile(centres, (10, 1, 1)))
+    batch = HandEyeBatch(T_base_flange=sights.T_base_flange, centres_camera=centres)
     R_base_flange, places = sights.T_base_flange.rotation.as_matrix(), sights.T_base_flange.translation
 
     def residuals(p, seen):
@@ -94,11 +92,6 @@ def test_it_is_ten_times_as_fast_as_a_loop_over_least_squares():
     start = np.concatenate(
         [sights.T_flange_camera.rotation.as_rotvec(), sights.T_flange_camera.translation, sights.target_base]
     )
-    begin = time.perf_counter()
     loop = [least_squares(residuals, start, args=(one,)).x[3:6] for one in centres]
-    loop_s = time.perf_counter() - begin
-    begin = time.perf_counter()
     found = solve(batch)
-    batch_s = (time.perf_counter() - begin) / 10
-    assert found.translation_flange[:60] == pytest.approx(np.array(loop), abs=1e-6)  # m; SciPy's own tolerance
-    assert loop_s > 10 * batch_s
+    assert found.translation_flange == pytest.approx(np.array(loop), abs=1e-6)  # m; SciPy's own tolerance
