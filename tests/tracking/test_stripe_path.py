@@ -62,3 +62,20 @@ def test_there_is_no_path_through_glare_alone(seed):
     stripe = find_stripe(_glaring(np.full(700, -50.0), np.random.default_rng(seed)))
     off_wedge = np.abs(stripe.v_px - 300 - 1.2 * (stripe.u_px - 200)) > 6
     assert not off_wedge.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_arc_is_followed_to_its_steep_ends(seed):
+    """As on a sphere: the path's sums of level columns end sooner than the light does."""
+    rng = np.random.default_rng(seed)
+    columns, rows = np.arange(700), np.arange(400)[:, None]
+    lit = np.abs(columns - 350) <= 200
+    centre_px = 320 - 1.2 * np.sqrt(np.maximum(210**2 - (columns - 350.0) ** 2, 0))
+    light = 70 * np.exp(-0.5 * ((rows - centre_px) / 1.2) ** 2) * lit
+    picture = np.clip(np.rint(light + 8 + 1.5 * rng.standard_normal(light.shape)), 0, 255).astype(np.uint8)
+    stripe = find_stripe(picture)
+    assert stripe.u_px.min() <= 154
+    assert stripe.u_px.max() >= 546
+    on_arc = lit[stripe.u_px.astype(int)]
+    assert on_arc.sum() > 390
+    assert np.abs(stripe.v_px - centre_px[stripe.u_px.astype(int)])[on_arc].max() < 1.0

@@ -29,6 +29,7 @@ _MOST_SHIFT_PX = 8.0
 _CELL_VARIANCE_PX2 = CELL_ROWS**2 / 12
 _FEWEST_CELLS = 3  # in a row, for a piece off the path
 _STEP_CELLS = 4  # a larger step from one cell column to the next parts two pieces
+_END_CELLS = 2  # of the stripe's end: 4 px a px
 _UNSHARED_PIXELS = 65536
 
 
@@ -95,12 +96,27 @@ def _along_path(
         return np.zeros_like(each), np.zeros(len(each), bool)
     on_path = beside(response, columns, rows, REACH_PX // CELL_COLUMNS)
     rows, seen = on_path.rows, on_path.near & (_snr(response, cores, noise, each, on_path.rows) > _FAINT_SNR)
-    # Between its ends the stripe may be off the path, such as on a narrow gap's bottom.
-    between = np.flatnonzero(~seen[columns[0] + 1 : columns[-1]]) + columns[0] + 1
-    rows[between] = cv2.transpose(response)[between].argmax(axis=1)
+    # Off the path the stripe may be between its ends, such as on a narrow gap's bottom, and where a steep end goes on.
+    off = np.flatnonzero(~seen)
+    rows[off] = cv2.transpose(response)[off].argmax(axis=1)
     clear = np.zeros_like(seen)
-    clear[between] = _snr(response, cores, noise, between, rows[between]) > _SEARCH_SNR
-    return rows, seen | _in_pieces(rows, clear)
+    clear[off] = _snr(response, cores, noise, off, rows[off]) > _SEARCH_SNR
+    inside = (each > columns[0]) & (each < columns[-1])
+    return rows, seen | _in_pieces(rows, clear & inside) | _gone_on(rows, seen, clear)
+
+
+def _gone_on(
+    rows: Int[np.ndarray, "k"], seen: Bool[np.ndarray, "k"], clear: Bool[np.ndarray, "k"]
+) -> Bool[np.ndarray, "k"]:
+    """Which clear cell columns go on, one by one, from the first or the last one that is seen."""
+    gone_on = np.zeros_like(seen)
+    joined = np.abs(rows[1:] - rows[:-1]) <= _END_CELLS
+    at = np.flatnonzero(seen)
+    if len(at):
+        after, before = slice(at[-1] + 1, None), slice(0, at[0])
+        gone_on[after] = np.logical_and.accumulate(clear[after] & joined[at[-1] :])
+        gone_on[before] = np.logical_and.accumulate((clear[before] & joined[: at[0]])[::-1])[::-1]
+    return gone_on
 
 
 def _in_pieces(rows: Int[np.ndarray, "k"], seen: Bool[np.ndarray, "k"]) -> Bool[np.ndarray, "k"]:
