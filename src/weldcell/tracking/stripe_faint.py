@@ -70,7 +70,7 @@ def beside(
     best = _brightest_in_band(response, each, path.at)
     before, after = path.at[np.maximum(each - _JUMP_CELLS, 0)], path.at[np.minimum(each + _JUMP_CELLS, each[-1])]
     jump = np.flatnonzero(np.abs(after - before) > 2 * _JUMP_CELLS * STEEPEST_CELLS + _SLACK_CELLS)
-    for side in (before, after):
+    for side in (before, after) if len(jump) else ():
         other = _brightest_in_band(response, jump, side[jump])
         better = response[other, jump] > response[best[jump], jump]
         best[jump[better]] = other[better]

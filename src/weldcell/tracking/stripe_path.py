@@ -98,14 +98,17 @@ def _summed(response: Shaped[np.ndarray, "rows k"]) -> UInt[np.ndarray, "n rows"
         (width + 2 * _TOGETHER, height + 2 * apart), np.uint16 if response.dtype == np.uint8 else np.uint32
     )
     padded[_TOGETHER:-_TOGETHER, apart : apart + height] = cv2.transpose(response)
-    sums = []
+    largest = np.zeros((-(-width // _STRIDE), height), padded.dtype)
     for shear in _SHEARS:
-        total = np.zeros((-(-width // _STRIDE), height), padded.dtype)
-        for aside in range(-_TOGETHER, _TOGETHER + 1):
-            first = apart + shear * aside
-            total += padded[_TOGETHER + aside : _TOGETHER + aside + width : _STRIDE, first : first + height]
-        sums.append(total)
-    return np.maximum.reduce(sums)
+        first, *others = (
+            padded[_TOGETHER + aside : _TOGETHER + aside + width : _STRIDE, apart + shear * aside :][:, :height]
+            for aside in range(-_TOGETHER, _TOGETHER + 1)
+        )
+        total = first + others[0]
+        for other in others[1:]:
+            total += other
+        np.maximum(largest, total, out=largest)
+    return largest
 
 
 def _brightest(light: UInt[np.ndarray, "n rows"]) -> Int[np.ndarray, "n few"]:
