@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from weldcell.tracking.quantiles import median, quantile
+from weldcell.tracking.quantiles import median, quantile, upper_median
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 101])
@@ -18,3 +18,9 @@ def test_values_keep_their_order():
     values = np.array([3.0, 1.0, 2.0])
     quantile(values, 0.2)
     assert values.tolist() == [3.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 10])
+def test_the_upper_median_is_one_of_the_values(count):
+    values = np.random.default_rng(count).normal(size=count)
+    assert upper_median(values.copy()) == np.sort(values)[count // 2]

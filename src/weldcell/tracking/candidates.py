@@ -19,8 +19,7 @@ PLATE_LENGTH_M = 0.02
 """Plate beyond this adds little precision, and it may be bent."""
 MOST_PLATE_ANGLE_RAD = math.radians(25)
 """Between the two plates of a joint in one plane."""
-_MOST_SIGMA_M = 5e-4
-"""A corner less certain than this is not reported."""
+_MOST_SIGMA_M = 5e-4  # a corner less certain than this is not reported
 _SAME_JOINT_M = 1e-3
 _USUAL_STEP_M = 2e-3  # across the light, from one frame to the next
 _EXPLAINED_SIGMAS = 4.0

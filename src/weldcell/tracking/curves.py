@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Bool, Float
 
+from weldcell.tracking.quantiles import upper_median
 from weldcell.tracking.section import Corner, Section
 
 LEAST_SCALE = 0.3
@@ -125,7 +126,7 @@ def fit_curve(section: Section, start: Curve, *, highest_degree: int = 1, rounds
             near = relative[inside]
             if len(near) <= degree + 2:
                 return best
-            scale = max(_MAD_TO_SIGMA * math.sqrt(_median(near)), LEAST_SCALE)
+            scale = max(_MAD_TO_SIGMA * math.sqrt(upper_median(near)), LEAST_SCALE)
             robust = np.square(np.maximum(1 - relative / (_TUKEY * scale) ** 2, 0))
             used = robust * weight
             moments = powers @ used
@@ -199,13 +200,6 @@ def _inverse(moments: Float[np.ndarray, "m"]) -> Float[np.ndarray, "k k"]:
     if not determinant > 0:
         raise np.linalg.LinAlgError("singular normal equations")
     return np.array([[tt / determinant, -t / determinant], [-t / determinant, one / determinant]])
-
-
-def _median(values: Float[np.ndarray, "n"]) -> float:
-    """The upper median of values that may be reordered: faster than NumPy's median on few of them."""
-    middle = len(values) // 2
-    values.partition(middle)
-    return float(values[middle])
 
 
 def _correlation(relative: Float[np.ndarray, "n"], inside: Bool[np.ndarray, "n"]) -> float:

@@ -47,7 +47,7 @@ def _sigma_m(section: Section, piece: Piece) -> float:
 
 
 def _is_valley(right: Piece, left: Piece) -> bool:
-    if min(_length_m(right), _length_m(left)) < _LEAST_PLATE_M:
+    if min(right.length_m, left.length_m) < _LEAST_PLATE_M:
         return False
     if not _TURN_RAD[0] <= right.angle_rad - left.angle_rad <= _TURN_RAD[1]:
         return False
@@ -57,17 +57,13 @@ def _is_valley(right: Piece, left: Piece) -> bool:
     return left.start_m - right.end_m <= _MOST_HIDDEN_M
 
 
-def _length_m(piece: Piece) -> float:
-    return (piece.end_m - piece.start_m) * math.hypot(1, piece.slope)
-
-
 def _valley_m(right: Piece, left: Piece) -> float:
     return (left.intercept_m - right.intercept_m) / (right.slope - left.slope)
 
 
 def _weight(right: Piece, left: Piece) -> float:
     """The shorter plate's length counts: a valley between crumbs is none."""
-    return min(_length_m(right), _length_m(left), PLATE_LENGTH_M)
+    return min(right.length_m, left.length_m, PLATE_LENGTH_M)
 
 
 def _refined(section: Section, pair: tuple[Piece, Piece], margin: float) -> Found:

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg.lapack import dposv
 
 from weldcell.tracking.candidates import EXPLAINED_M
+from weldcell.tracking.quantiles import upper_median
 from weldcell.tracking.root_gap import seen_through_gap
 from weldcell.tracking.section import Section
 
@@ -286,8 +287,4 @@ def _scales(
 
 def _scale(relative: Float[np.ndarray, "n"]) -> float:
     """The scale of residuals, which may be reordered."""
-    if not len(relative):
-        return 1.0
-    middle = len(relative) // 2
-    relative.partition(middle)
-    return max(_MAD_TO_SIGMA * float(relative[middle]), _LEAST_SCALE)
+    return max(_MAD_TO_SIGMA * upper_median(relative), _LEAST_SCALE) if len(relative) else 1.0

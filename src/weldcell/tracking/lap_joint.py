@@ -65,16 +65,12 @@ def find_lap(section: Section, previous_x_m: float | None = None) -> Found:
 
 
 def _is_step(right: Piece, left: Piece) -> bool:
-    if min(_length_m(right), _length_m(left)) < _LEAST_PLATE_M or not is_plate_pair(right, left):
+    if min(right.length_m, left.length_m) < _LEAST_PLATE_M or not is_plate_pair(right, left):
         return False
     middle, tilt = (right.end_m + left.start_m) / 2, (right.angle_rad + left.angle_rad) / 2
     step_m = abs(right.z_at(middle) - left.z_at(middle)) * math.cos(tilt)
     apart_m = left.start_m - right.end_m
     return bool(_STEP_M[0] <= step_m <= _STEP_M[1] and apart_m <= _MOST_HIDDEN_M + step_m * abs(math.sin(tilt)))
-
-
-def _length_m(piece: Piece) -> float:
-    return (piece.end_m - piece.start_m) * math.hypot(1, piece.slope)
 
 
 def _step_at_m(pair: tuple[Piece, Piece]) -> float:
@@ -83,7 +79,7 @@ def _step_at_m(pair: tuple[Piece, Piece]) -> float:
 
 def _weight(pair: tuple[Piece, Piece]) -> float:
     hidden_m = max(pair[1].start_m - pair[0].end_m, 0.0)
-    return min(_length_m(pair[0]), _length_m(pair[1]), PLATE_LENGTH_M) - hidden_m / 4
+    return min(pair[0].length_m, pair[1].length_m, PLATE_LENGTH_M) - hidden_m / 4
 
 
 def _lap(section: Section, pair: tuple[Piece, Piece], margin: float) -> Found:

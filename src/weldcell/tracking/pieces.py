@@ -33,6 +33,11 @@ class Piece:
         """z of the piece's line (m)."""
         return self.intercept_m + self.slope * x_m
 
+    @property
+    def length_m(self) -> float:
+        """Along the line."""
+        return (self.end_m - self.start_m) * math.hypot(1, self.slope)
+
     @cached_property
     def angle_rad(self) -> float:
         """Inclination against x, positive where the piece gets deeper with x."""

@@ -83,7 +83,7 @@ def find_butt(section: Section, previous_x_m: float | None = None, *, previous_g
     pieces = [
         piece
         for piece in straight_pieces(section, steepest=_STEEPEST, neighbours=_NEIGHBOURS)
-        if _length_m(piece) >= _LEAST_PLATE_M
+        if piece.length_m >= _LEAST_PLATE_M
     ]
     least = _LEAST_NATS - (0.0 if previous_x_m is None else _KNOWN_NATS)
     hopeful = least - (_SAME_GAP_NATS if previous_gap_m else 0.0)
@@ -237,7 +237,3 @@ def _along(plates: tuple[Curve, Curve], right: Corner, left: Corner) -> float:
     """Distance of the edges along the plates' mean direction."""
     tilt = (plates[0].angle_at(right.x_m) + plates[1].angle_at(left.x_m)) / 2
     return (left.x_m - right.x_m) * math.cos(tilt) + (left.z_m - right.z_m) * math.sin(tilt)
-
-
-def _length_m(piece: Piece) -> float:
-    return (piece.end_m - piece.start_m) * math.hypot(1, piece.slope)

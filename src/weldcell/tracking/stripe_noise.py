@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from weldcell.tracking.cell_noise import QUANTISATION_GREY
+from weldcell.tracking.quantiles import upper_median
 from weldcell.tracking.stripe_search import picked
 
 DEFAULT_SPECKLE_CONTRAST = 0.45
@@ -76,4 +77,4 @@ def excess_noise(
         for part in (spread.noise_variance[good], spread.own_variance[good])
     )
     values = ((rough - noise) / np.maximum(own, 1e-12))[together]
-    return max(float(np.partition(values, len(values) // 2)[len(values) // 2]), 0.0)
+    return max(upper_median(values), 0.0)
